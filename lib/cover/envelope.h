@@ -1,0 +1,24 @@
+/// The envelope: a certified surrogate as it is published, the same for both scalars.
+///
+/// It is what a PLC reads and what a surrogate file holds: whole coefficients times 2^lsb_log2, and the frame.
+/// The heights a coefficient b stands for is b * 2^lsb_log2 quanta above frame.origin[2], for both sides.
+#ifndef CANOPY_COVER_ENVELOPE_H
+#define CANOPY_COVER_ENVELOPE_H
+
+#include <stdint.h>
+
+#include "lib/cover/frame.h"
+
+struct canopy_envelope {
+    struct canopy_frame frame;
+    uint8_t scalar;         ///< enum canopy_scalar: which kind of point the certificate is about
+    uint32_t points;        ///< the certificate covers exactly the first `points` accepted readings
+    int32_t margin;         ///< certified distance to the nearest covered cell or point, in lsb; never negative
+    int32_t *coefficients;  ///< size[0] x size[1], row (u) order; memory belongs to whoever declared it
+    uint8_t *coverage;      ///< one bit a knot cell, (size[0]-1) x (size[1]-1), row order, bit i at byte i/8 bit i%8
+};
+
+#define CANOPY_COEFFICIENTS(m, n) ((m) * (n))
+#define CANOPY_COVERAGE_BYTES(m, n) ((((m)-1) * ((n)-1) + 7) / 8)
+
+#endif
