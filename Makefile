@@ -74,7 +74,7 @@ $(1)/libport.a: $(addprefix $(1)/obj/,$(PORT_LINUX:.c=.o))
 $(1)/lib%.a:
 	@mkdir -p $$(@D)
 	@rm -f $$@
-	$$(Q)ar rcsD $$@ $$^
+	$$(Q)$(if $(filter arm-%,$(2)),arm-none-eabi-)ar rcsD $$@ $$^
 endef
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -126,9 +126,48 @@ test: test-programs tools | setup-python  ## every test: host variants, Python, 
 	+@BUILD=$(BUILD) hosttest/run
 
 # ---------------------------------------------------------------------------------------------------------------------
+# Firmware of BOARD: the station (boards/<board>/main.c), every unit list, and each program of hosttest/firmware
+
+include boards/$(BOARD)/board.mk
+
+FW := $(BUILD)/$(BOARD)
+FW_FLAGS := $(BOARD_CPU) -Os -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
+FW_LINK := $(BOARD_CPU) -nostartfiles --specs=nano.specs -Llinker -Tlinker/$(BOARD_CHIP).ld -Wl,--gc-sections \
+    -Wl,--fatal-warnings
+FW_BOARD_SOURCES := $(sort $(filter-out boards/$(BOARD)/main.c,$(wildcard boards/$(BOARD)/*.c)) \
+    $(wildcard port/$(BOARD_PORT)/*.c))
+FW_BOARD := $(addprefix $(FW)/obj/,$(FW_BOARD_SOURCES:.c=.o))
+FW_MAIN := $(wildcard boards/$(BOARD)/main.c)
+FW_UNITS := $(UNIT_NAMES:%=$(FW)/%.elf)
+FW_OTHERS := $(patsubst hosttest/firmware/%.c,$(FW)/%.elf,$(sort $(wildcard hosttest/firmware/*.c)))
+FW_STATIONS := $(if $(FW_MAIN),$(FW)/canopy.elf)
+FIRMWARE := $(FW_STATIONS) $(FW_UNITS) $(FW_OTHERS)
+
+$(eval $(call compile,$(FW),arm-none-eabi-gcc,$(FW_FLAGS),setup-firmware))
+
+# image(stack bytes): the recipe that links $@ from $^ and keeps a map beside it
+define image
+	$(if $(V),,@echo "link $@")
+	$(Q)arm-none-eabi-gcc $(FW_LINK) -Wl,--defsym=canopy_stack_size=$(1) -Wl,-Map=$(@:.elf=.map) $(filter %.o,$^) \
+	    $(filter %.a,$^) -lm -o $@
+endef
+
+$(FIRMWARE): linker/cortexm.ld linker/$(BOARD_CHIP).ld boards/$(BOARD)/board.mk
+$(FW)/canopy.elf: $(FW)/obj/boards/$(BOARD)/main.o $(FW_BOARD) $(FW)/libcanopy.a
+	$(call image,$(BOARD_STACK))
+$(FW_UNITS): $(FW)/unit_%.elf: $(FW)/obj/hosttest/unit/test_%.o $(FW)/obj/hosttest/unit/run_firmware.o $(FW_BOARD) \
+    $(FW)/libcanopy.a
+	$(call image,16384)
+$(FW_OTHERS): $(FW)/%.elf: $(FW)/obj/hosttest/firmware/%.o $(FW_BOARD) $(FW)/libcanopy.a
+	$(call image,$(BOARD_STACK))
+
+.PHONY: firmware
+firmware: $(FIRMWARE)  ## images for BOARD (default mps2_an385): build/<board>/*.elf
+
+# ---------------------------------------------------------------------------------------------------------------------
 
 .PHONY: all clean
-all: tools test-programs  ## build everything, run nothing
+all: tools test-programs firmware  ## build everything, run nothing
 clean:  ## remove $(BUILD)
 	rm -rf $(BUILD)
 

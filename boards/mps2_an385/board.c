@@ -1,0 +1,70 @@
+#include "boards/mps2_an385/board.h"
+
+#include "port/cortexm/clock.h"
+#include "port/cortexm/cmsdk_uart.h"
+#include "port/cortexm/cmsdk_watchdog.h"
+#include "port/cortexm/fault.h"
+#include "port/cortexm/startup.h"
+
+static struct canopy_cmsdk_uart uart[2];
+static uint8_t receive_ring[2][BOARD_RING_LENGTH];
+static uint8_t send_ring[2][BOARD_RING_LENGTH];
+static struct canopy_cmsdk_watchdog watchdog = {.base = BOARD_WATCHDOG_BASE};
+
+static void uart0_receive(void) { canopy_cmsdk_uart_on_receive(&uart[0]); }
+static void uart0_transmit(void) { canopy_cmsdk_uart_on_transmit(&uart[0]); }
+static void uart1_receive(void) { canopy_cmsdk_uart_on_receive(&uart[1]); }
+static void uart1_transmit(void) { canopy_cmsdk_uart_on_transmit(&uart[1]); }
+
+void canopy_fault_put(char character) { canopy_cmsdk_uart_put(BOARD_CONSOLE_BASE, character); }
+
+struct board board_start(uint32_t baud0, uint32_t baud1) {
+    canopy_cortexm_clock_start(BOARD_CLOCK_HZ);
+    struct canopy_cmsdk_uart_config config = {.base = BOARD_UART0_BASE,
+                                              .clock_hz = BOARD_CLOCK_HZ,
+                                              .baud = baud0,
+                                              .receive_irq = BOARD_UART0_RECEIVE_IRQ,
+                                              .transmit_irq = BOARD_UART0_TRANSMIT_IRQ,
+                                              .clock = canopy_cortexm_clock(),
+                                              .receive_ring = receive_ring[0],
+                                              .send_ring = send_ring[0],
+                                              .receive_length = BOARD_RING_LENGTH,
+                                              .send_length = BOARD_RING_LENGTH};
+    canopy_cmsdk_uart_start(&uart[0], &config);
+    config.base = BOARD_UART1_BASE;
+    config.baud = baud1;
+    config.receive_irq = BOARD_UART1_RECEIVE_IRQ;
+    config.transmit_irq = BOARD_UART1_TRANSMIT_IRQ;
+    config.receive_ring = receive_ring[1];
+    config.send_ring = send_ring[1];
+    canopy_cmsdk_uart_start(&uart[1], &config);
+    return (struct board){.clock = canopy_cortexm_clock(),
+                          .line = {canopy_cmsdk_uart_stream(&uart[0]), canopy_cmsdk_uart_stream(&uart[1])},
+                          .watchdog = canopy_cmsdk_watchdog(&watchdog)};
+}
+
+void board_start_watchdog(uint32_t period_us) {
+    canopy_cmsdk_watchdog_start(&watchdog, BOARD_WATCHDOG_BASE, BOARD_CLOCK_HZ, period_us);
+}
+
+struct vectors {
+    uint32_t *stack_top;
+    void (*entry[15 + BOARD_IRQS])(void);
+};
+
+#define IRQ(number) [15 + (number)]
+
+__attribute__((section(".vectors"), used)) static const struct vectors vectors = {
+    .stack_top = canopy_stack_top,
+    .entry =
+        {
+            [0] = canopy_reset,
+            [1 ... 13] = canopy_fault_entry,
+            [14] = canopy_systick_entry,
+            IRQ(BOARD_UART0_RECEIVE_IRQ) = uart0_receive,
+            IRQ(BOARD_UART0_TRANSMIT_IRQ) = uart0_transmit,
+            IRQ(BOARD_UART1_RECEIVE_IRQ) = uart1_receive,
+            IRQ(BOARD_UART1_TRANSMIT_IRQ) = uart1_transmit,
+            [15 + 4 ... 15 + BOARD_IRQS - 1] = canopy_fault_entry,
+        },
+};

@@ -1,0 +1,48 @@
+/// The registers and instructions that every Cortex-M3 and above has (ARMv7-M Architecture Reference Manual, B3).
+#ifndef CANOPY_PORT_CORTEXM_CORE_H
+#define CANOPY_PORT_CORTEXM_CORE_H
+
+#include <stdint.h>
+
+#define CANOPY_REGISTER(address) (*(volatile uint32_t *)(address))
+
+#define CANOPY_SYSTICK_CTRL CANOPY_REGISTER(0xE000E010u)
+#define CANOPY_SYSTICK_LOAD CANOPY_REGISTER(0xE000E014u)
+#define CANOPY_SYSTICK_VAL CANOPY_REGISTER(0xE000E018u)
+#define CANOPY_SCB_ICSR CANOPY_REGISTER(0xE000ED04u)
+#define CANOPY_SCB_AIRCR CANOPY_REGISTER(0xE000ED0Cu)
+#define CANOPY_SCB_CCR CANOPY_REGISTER(0xE000ED14u)
+#define CANOPY_SCB_SHCSR CANOPY_REGISTER(0xE000ED24u)
+#define CANOPY_SCB_CFSR CANOPY_REGISTER(0xE000ED28u)
+#define CANOPY_SCB_HFSR CANOPY_REGISTER(0xE000ED2Cu)
+#define CANOPY_SCB_MMFAR CANOPY_REGISTER(0xE000ED34u)
+#define CANOPY_SCB_BFAR CANOPY_REGISTER(0xE000ED38u)
+
+#define CANOPY_ICSR_SYSTICK_PENDING (1u << 26)
+
+/// Lets an interrupt through the controller; interrupts start out blocked.
+static inline void canopy_core_enable_irq(uint32_t irq) {
+    CANOPY_REGISTER(0xE000E100u + 4u * (irq / 32u)) = 1u << (irq % 32u);
+}
+
+/// Masks all interrupts and tells whether they were masked before. Give that to canopy_core_restore.
+static inline uint32_t canopy_core_mask(void) {
+    uint32_t before;
+    __asm volatile("mrs %0, primask\n\tcpsid i" : "=r"(before)::"memory");
+    return before;
+}
+
+static inline void canopy_core_restore(uint32_t before) { __asm volatile("msr primask, %0" ::"r"(before) : "memory"); }
+
+/// Sleeps until an interrupt is pending, masked or not.
+static inline void canopy_core_wait(void) { __asm volatile("dsb\n\twfi" ::: "memory"); }
+
+/// Asks for a system reset and waits for it.
+static inline _Noreturn void canopy_core_reset(void) {
+    __asm volatile("dsb" ::: "memory");
+    CANOPY_SCB_AIRCR = 0x05FA0004u;
+    for (;;)
+        __asm volatile("dsb" ::: "memory");
+}
+
+#endif
