@@ -131,7 +131,7 @@ test: test-programs tools | setup-python  ## every test: host variants, Python, 
 include boards/$(BOARD)/board.mk
 
 FW := $(BUILD)/$(BOARD)
-FW_FLAGS := $(BOARD_CPU) -Os -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
+FW_FLAGS := -Iboards/$(BOARD) $(BOARD_CPU) -Os -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
 FW_LINK := $(BOARD_CPU) -nostartfiles --specs=nano.specs -Llinker -Tlinker/$(BOARD_CHIP).ld -Wl,--gc-sections \
     -Wl,--fatal-warnings
 FW_BOARD_SOURCES := $(sort $(filter-out boards/$(BOARD)/main.c,$(wildcard boards/$(BOARD)/*.c)) \
