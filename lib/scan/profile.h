@@ -132,7 +132,6 @@ struct canopy_profile_driver {
     struct canopy_profile profile;  ///< the one being read, or held
     struct canopy_profile_scene scene;
     struct canopy_profile_counters counters;
-    uint64_t due_us;
     uint64_t fresh_us;       ///< when the last profile was delivered or the last stale limit passed
     uint64_t standstill_us;  ///< when `candidate` was first seen
     uint32_t last_sequence;  ///< of the last delivered profile
@@ -148,7 +147,7 @@ struct canopy_profile_driver {
     uint8_t unit;
     uint8_t phase;
     uint8_t attempts;
-    bool described, scene_known, started, have_candidate, eager, asked, stale;
+    bool scene_known, started, have_candidate, eager, waited, asked, stale;
 };
 
 /// Makes a driver that has read nothing. `arena`: at least CANOPY_PROFILE_ARENA(config->columns, words of a height)
