@@ -1,10 +1,11 @@
 /// The envelope: a certified surrogate as it is published, the same for both scalars.
 ///
 /// It is what a PLC reads and what a surrogate file holds: whole coefficients times 2^lsb_log2, and the frame.
-/// The heights a coefficient b stands for is b * 2^lsb_log2 quanta above frame.origin[2], for both sides.
+/// The height a coefficient b stands for is b * 2^lsb_log2 quanta above frame.origin[2], for both sides.
 #ifndef CANOPY_COVER_ENVELOPE_H
 #define CANOPY_COVER_ENVELOPE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "lib/cover/frame.h"
@@ -20,5 +21,15 @@ struct canopy_envelope {
 
 #define CANOPY_COEFFICIENTS(m, n) ((m) * (n))
 #define CANOPY_COVERAGE_BYTES(m, n) ((((m)-1) * ((n)-1) + 7) / 8)
+
+/// Whether the knot cell that holds (u, v), quanta from the origin, has data. The point must be inside the frame.
+bool canopy_envelope_covers(const struct canopy_envelope *envelope, uint32_t u, uint32_t v);
+
+/// The surface's height at (u, v), quanta from the frame's origin along its axes, in steps, rounded to the *cautious*
+/// side: never above S for an envelope above, never below S for one below; within 40 steps of S (of the 2^24 that the
+/// data's range takes). A point that is on the safe side of this height is on the safe side of S.
+/// CANOPY_OUT_OF_FRAME: beside the frame; *steps is unchanged. About 400 instructions on a Cortex-M3.
+enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v,
+                                          int32_t *steps);
 
 #endif

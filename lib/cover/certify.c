@@ -1,0 +1,167 @@
+#include "lib/cover/certify.h"
+
+#include <stdbool.h>
+
+#include "lib/num/fixed.h"
+
+// Q30 weights at s = k/q: s to nearest, the cubes rounded up because what they multiply is never positive.
+static void make_weights(int32_t *table, uint16_t q) {
+    const int64_t cube = 6 * (int64_t)q * q * q;
+    int32_t *s = table, *left = s + q + 1, *right = left + q + 1;
+    for (int64_t k = 0; k <= q; k++) {
+        const int64_t r = q - k;
+        s[k] = (int32_t)((k * CANOPY_AXIS_ONE + q / 2) / q);
+        left[k] = (int32_t)canopy_div_ceil(r * r * r * CANOPY_AXIS_ONE, cube);
+        right[k] = (int32_t)canopy_div_ceil(k * k * k * CANOPY_AXIS_ONE, cube);
+    }
+}
+
+enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
+                                       size_t bytes) {
+    if (!field->exact) {
+        return CANOPY_ARGUMENT;
+    }
+    const uint16_t n = field->frame.size[1];
+    const uint16_t cu = field->axis[0].cells, cv = field->axis[1].cells;
+    struct canopy_arena cut;
+    const enum canopy_status status = canopy_arena_open(&cut, arena, bytes, CANOPY_CERTIFY_ARENA(n, cu, cv));
+    if (status != CANOPY_OK) {
+        return status;
+    }
+    *certify = (struct canopy_certify){.field = field};
+    certify->column = canopy_arena_take(&cut, 4U * n);
+    certify->low = canopy_arena_take(&cut, 4 * CANOPY_LINE_NODES(n, cv));
+    certify->high = canopy_arena_take(&cut, 4 * CANOPY_LINE_NODES(n, cv));
+    for (int a = 0; a < 2; a++) {
+        const uint16_t q = field->axis[a].cells;
+        certify->weights[a] = canopy_arena_take(&cut, 12 * (q + 1U));
+        make_weights(certify->weights[a], q);
+    }
+    return CANOPY_OK;
+}
+
+// One knot interval of a spline: what its bound is made of.
+struct interval {
+    int32_t from, step;   // b[h] and b[h+1] - b[h]
+    int32_t left, right;  // min(D[h], 0) and min(D[h+1], 0)
+};
+
+static inline int32_t negative_part(int32_t before, int32_t here, int32_t after) {
+    const int32_t second = before - 2 * here + after;  // fits: coefficients are within CANOPY_COEFFICIENT_LIMIT
+    return second < 0 ? second : 0;
+}
+
+// The interval h of n coefficients that stand `stride` apart.
+static inline struct interval interval_at(const int32_t *b, uint32_t n, uint32_t stride, uint32_t h) {
+    const int32_t *here = b + (size_t)h * stride;
+    const int32_t b0 = h > 0 ? here[-(ptrdiff_t)stride] : here[0], b1 = here[0], b2 = here[stride];
+    const int32_t b3 = h + 2 < n ? here[2 * (size_t)stride] : b2;
+    return (struct interval){b1, b2 - b1, negative_part(b0, b1, b2), negative_part(b1, b2, b3)};
+}
+
+// l at the interval's node k, rounded down. Every loss is on the low side: the cubes' weights are too large on what is
+// not positive, the shift is a floor, and where k/q is not exact in Q30 the straight part is off by at most
+// 2^-31 * 2^29 steps, for which one step is taken away.
+static inline int32_t bound(const struct interval *i, const int32_t *weights, uint16_t q, uint32_t k) {
+    const int64_t rise = canopy_wide(i->step, weights[k]) + canopy_wide(i->left, weights[q + 1U + k]) +
+                         canopy_wide(i->right, weights[2U * (q + 1U) + k]);
+    return i->from + (int32_t)canopy_shift_floor(rise, 30) - ((q & (q - 1U)) != 0);
+}
+
+// Node row k of the columns first … last: certify->column[j] = L[k][j].
+static void bound_columns(struct canopy_certify *certify, uint32_t k, uint32_t first, uint32_t last) {
+    const uint32_t m = certify->field->frame.size[0], n = certify->field->frame.size[1];
+    const uint16_t q = certify->field->axis[0].cells;
+    const uint32_t h = k / q < m - 1 ? k / q : m - 2;
+    for (uint32_t j = first; j <= last; j++) {
+        const struct interval i = interval_at(certify->b + j, m, n, h);
+        certify->column[j] = bound(&i, certify->weights[0], q, k - h * q);
+    }
+}
+
+// All nodes of node row k: to[l] = M[k][l].
+static void bound_row(struct canopy_certify *certify, uint32_t k, int32_t *to) {
+    const uint32_t n = certify->field->frame.size[1];
+    const uint16_t q = certify->field->axis[1].cells;
+    bound_columns(certify, k, 0, n - 1);
+    for (uint32_t h = 0; h + 1 < n; h++) {
+        const struct interval i = interval_at(certify->column, n, 1, h);
+        for (uint32_t l = 0; l < q; l++) {
+            *to++ = bound(&i, certify->weights[1], q, l);
+        }
+        if (h + 2 == n) {
+            *to = bound(&i, certify->weights[1], q, q);
+        }
+    }
+}
+
+void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coefficients) {
+    certify->b = coefficients;
+    certify->row = 0;
+    certify->margin = INT32_MAX;
+}
+
+static inline int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
+
+// Takes a cell's bound into account. False, with what is missing, where it is too low.
+static inline bool settle(struct canopy_certify *certify, uint32_t cell, int32_t lowest) {
+    const int32_t height = certify->field->heights[cell];
+    if (height == CANOPY_NO_HEIGHT) {
+        return true;
+    }
+    const int32_t margin = lowest - height;
+    if (margin < 0) {
+        certify->failed_cell = cell;
+        certify->missing = -margin;
+        return false;
+    }
+    certify->margin = least(certify->margin, margin);
+    return true;
+}
+
+static bool certify_row(struct canopy_certify *certify, uint32_t row) {
+    const uint32_t cells = certify->field->axis[1].count;
+    const int32_t *low = certify->low, *high = certify->high;
+    for (uint32_t c = 0; c < cells; c++) {
+        if (!settle(certify, row * cells + c, least(least(low[c], low[c + 1]), least(high[c], high[c + 1])))) {
+            return false;
+        }
+    }
+    return true;
+}
+
+enum canopy_status canopy_certify_step(struct canopy_certify *certify, uint32_t rows) {
+    const uint32_t all = certify->field->axis[0].count;
+    bool have_low = false;
+    for (; rows > 0 && certify->row < all; rows--) {
+        if (!have_low) {
+            bound_row(certify, certify->row, certify->low);
+            have_low = true;
+        }
+        bound_row(certify, certify->row + 1, certify->high);
+        if (!certify_row(certify, certify->row)) {
+            return CANOPY_NOT_SAFE;
+        }
+        certify->row++;
+        int32_t *spare = certify->low;
+        certify->low = certify->high;
+        certify->high = spare;
+    }
+    return certify->row < all ? CANOPY_MORE : CANOPY_OK;
+}
+
+enum canopy_status canopy_certify_cell(struct canopy_certify *certify, uint32_t cell) {
+    const uint32_t cells = certify->field->axis[1].count, n = certify->field->frame.size[1];
+    const uint16_t q = certify->field->axis[1].cells;
+    const uint32_t row = cell / cells, column = cell % cells, h = column / q;
+    const uint32_t first = h > 0 ? h - 1 : 0, last = h + 2 < n ? h + 2 : n - 1;
+    int32_t lowest = INT32_MAX;
+    for (uint32_t k = row; k <= row + 1; k++) {
+        bound_columns(certify, k, first, last);
+        const struct interval i = interval_at(certify->column, n, 1, h);
+        for (uint32_t l = column - h * q; l <= column - h * q + 1; l++) {
+            lowest = least(lowest, bound(&i, certify->weights[1], q, l));
+        }
+    }
+    return settle(certify, cell, lowest) ? CANOPY_OK : CANOPY_NOT_SAFE;
+}

@@ -1,0 +1,55 @@
+/// The certificate from the field: is the surface above every point of every covered cell? (cover.md 5, 6)
+///
+/// It is recomputed from the published coefficients and shares no code with the fit. The argument, all in integers:
+///
+/// For every column j of coefficients and every node row u_k = k/Q, the bound l of Lemma 5.1, rounded down, is L[k][j].
+/// Between two node rows of one cell the column's spline lies above the straight line from L[k][j] to L[k+1][j]
+/// (Lemma 5.1; (1-s)^3 is convex). B-splines are not negative, so there S(u, .) lies above the same mixture of the two
+/// splines with coefficients L[k] and L[k+1]. The bound of those at the node columns v_l = l/Q, rounded down again, is
+/// M[k][l], and S lies above the bilinear interpolant of M over each cell, hence above the least of its four corners.
+/// Cells are closed and, where the field is exact, a point is in its cell: S >= that least >= the cell's highest point.
+///
+/// Work is done a row of cells at a time: Q (n-1) cells, one bound of each coefficient column and one of each node.
+#ifndef CANOPY_COVER_CERTIFY_H
+#define CANOPY_COVER_CERTIFY_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "lib/arena.h"
+#include "lib/cover/field.h"
+#include "lib/status.h"
+
+/// Bytes of arena to certify coefficients, n along v, on a field of cu x cv cells a knot interval.
+#define CANOPY_CERTIFY_ARENA(n, cu, cv)                                                                                \
+    (CANOPY_ARENA_ROUND(4U * (size_t)(n)) + 2U * CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(n, cv)) +                   \
+     CANOPY_ARENA_ROUND(12U * ((size_t)(cu) + 1U)) + CANOPY_ARENA_ROUND(12U * ((size_t)(cv) + 1U)))
+
+struct canopy_certify {
+    const struct canopy_field *field;
+    const int32_t *b;      // the coefficients in canonical orientation (above), size[0] x size[1]
+    int32_t *column;       // L of one node row
+    int32_t *low, *high;   // M of the node rows below and above the present row of cells
+    int32_t *weights[2];   // Q30 tables of u and v: s, (1-s)^3/6 and s^3/6 rounded up
+    uint32_t row;          // next row of cells
+    int32_t margin;        ///< least bound minus height so far
+    uint32_t failed_cell;  ///< after CANOPY_NOT_SAFE: the first cell whose bound is too low …
+    int32_t missing;       ///< … and by how much
+};
+
+/// Prepares to certify on `field`, which must be exact (else CANOPY_ARGUMENT).
+enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
+                                       size_t bytes);
+
+/// Begins with coefficients in the library's orientation: above, mirrored for the side below.
+void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coefficients);
+
+/// Looks at up to `rows` rows of cells. CANOPY_MORE: not finished; CANOPY_OK: every covered cell is safe, by
+/// certify->margin at least; CANOPY_NOT_SAFE: certify->failed_cell lacks certify->missing. If the coefficients are
+/// then raised (never lowered), the next call goes on from the row that failed.
+enum canopy_status canopy_certify_step(struct canopy_certify *certify, uint32_t rows);
+
+/// The same for one cell that has risen since it was looked at; lowers the margin as needed. Any number, any time.
+enum canopy_status canopy_certify_cell(struct canopy_certify *certify, uint32_t cell);
+
+#endif

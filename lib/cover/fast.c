@@ -1,0 +1,296 @@
+#include "lib/cover/fast.h"
+
+#include <string.h>
+
+// The line fit of either scalar.
+struct line_fit {
+    void (*shape)(struct canopy_line *line, uint16_t n, uint16_t q);
+    bool (*begin)(struct canopy_line *line, int32_t floor, int32_t ceiling);
+    bool (*iterate)(struct canopy_line *line);
+    void (*finish)(struct canopy_line *line, int32_t *coefficients);
+};
+
+static const struct line_fit line_fits[] = {
+    [CANOPY_F32] = {canopy_line_shape_f32, canopy_line_begin_f32, canopy_line_iterate_f32, canopy_line_finish_f32},
+    [CANOPY_FX] = {canopy_line_shape_fx, canopy_line_begin_fx, canopy_line_iterate_fx, canopy_line_finish_fx},
+};
+
+static uint32_t line_count(const struct canopy_fast *fast) {
+    return (uint32_t)CANOPY_LINE_NODES(fast->field->frame.size[0], fast->lines);
+}
+
+enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canopy_field *field,
+                                    enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes) {
+    if (lines == 0 || field->axis[0].cells % lines != 0 || scalar > CANOPY_FX) {
+        return CANOPY_ARGUMENT;
+    }
+    const uint16_t m = field->frame.size[0], n = field->frame.size[1], cv = field->axis[1].cells;
+    struct canopy_arena cut;
+    const enum canopy_status status = canopy_arena_open(&cut, arena, bytes, CANOPY_FAST_ARENA(m, n, cv, lines));
+    if (status != CANOPY_OK) {
+        return status;
+    }
+    *fast = (struct canopy_fast){.field = field, .scalar = (uint8_t)scalar, .lines = lines};
+    canopy_line_init(&fast->line, CANOPY_MAX(m, n), CANOPY_MAX(cv, lines), &cut);
+    const size_t held = (size_t)line_count(fast) * n;
+    fast->g = canopy_arena_take(&cut, 4 * held);
+    fast->held = canopy_arena_take(&cut, (held + 7) / 8);
+    fast->result = canopy_arena_take(&cut, 4U * (size_t)CANOPY_MAX(m, n));
+    return CANOPY_OK;
+}
+
+enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coefficients) {
+    const struct canopy_field *field = fast->field;
+    int32_t low = INT32_MAX, high = INT32_MIN;
+    const size_t cells = (size_t)field->axis[0].count * field->axis[1].count;
+    for (size_t c = 0; c < cells; c++) {
+        const int32_t height = field->heights[c];
+        if (height != CANOPY_NO_HEIGHT) {
+            low = height < low ? height : low;
+            high = height > high ? height : high;
+        }
+    }
+    if (high == INT32_MIN) {
+        return CANOPY_EMPTY;
+    }
+    const int32_t reach = 3 * (high - low) + 64;  // the 64: a flat field's solve may round
+    fast->floor = low - reach;
+    fast->ceiling = high + reach;
+    fast->b = coefficients;
+    fast->stage = CANOPY_FAST_LINES;
+    fast->index = 0;
+    fast->begun = false;
+    fast->solves = 0;
+    fast->unsettled = 0;
+    fast->most_solves = 0;
+    memset(fast->held, 0, ((size_t)line_count(fast) * field->frame.size[1] + 7) / 8);
+    line_fits[fast->scalar].shape(&fast->line, field->frame.size[1], field->axis[1].cells);
+    return CANOPY_OK;
+}
+
+// ---- Lines: along v, from the field
+
+// The line's nodes: the highest of the cells around each, within one line distance.
+static void gather_line(struct canopy_fast *fast) {
+    const struct canopy_field *field = fast->field;
+    const uint32_t columns = field->axis[1].count, step = (uint32_t)field->axis[0].cells / fast->lines;
+    const uint32_t middle = fast->index * step, from = middle > step ? middle - step : 0;
+    const uint32_t to = middle + step < field->axis[0].count ? middle + step : field->axis[0].count;
+    int32_t *nodes = fast->line.nodes;
+    memcpy(nodes, field->heights + (size_t)from * columns, 4 * (size_t)columns);
+    for (uint32_t r = from + 1; r < to; r++) {
+        const int32_t *row = field->heights + (size_t)r * columns;
+        for (uint32_t c = 0; c < columns; c++) {
+            nodes[c] = row[c] > nodes[c] ? row[c] : nodes[c];
+        }
+    }
+}
+
+static void hold(struct canopy_fast *fast, uint32_t first, uint32_t last) {
+    for (uint32_t bit = first; bit <= last; bit++) {
+        fast->held[bit / 8] |= (uint8_t)(1U << bit % 8);
+    }
+}
+
+static bool is_held(const struct canopy_fast *fast, uint32_t line, uint32_t j) {
+    const uint32_t bit = line * fast->field->frame.size[1] + j;
+    return fast->held[bit / 8] >> bit % 8 & 1U;
+}
+
+// Marks the coefficients that a covered cell of the line can see: those of the knot interval it is in.
+static void hold_covered(struct canopy_fast *fast) {
+    const uint32_t n = fast->field->frame.size[1], q = fast->field->axis[1].cells;
+    const int32_t *cells = fast->line.nodes;
+    for (uint32_t h = 0; h + 1 < n; h++) {
+        bool covered = false;
+        for (uint32_t k = 0; k < q; k++) {
+            covered |= cells[h * q + k] != CANOPY_NO_HEIGHT;
+        }
+        if (covered) {
+            hold(fast, fast->index * n + (h > 0 ? h - 1 : 0), fast->index * n + (h + 2 < n ? h + 2 : n - 1));
+        }
+    }
+}
+
+// What the certificate may lose by rounding bounds down, once in each direction, and one step to spare.
+#define CERTIFY_LOSS 3
+
+// From cells to nodes, in place: a node is the higher of the cells on its two sides.
+static void cells_to_nodes(int32_t *nodes, uint32_t cells) {
+    int32_t before = CANOPY_NO_HEIGHT;
+    for (uint32_t c = 0; c < cells; c++) {
+        const int32_t here = nodes[c] == CANOPY_NO_HEIGHT ? CANOPY_NO_HEIGHT : nodes[c] + CERTIFY_LOSS;
+        nodes[c] = here > before ? here : before;
+        before = here;
+    }
+    nodes[cells] = before;
+}
+
+// ---- Columns: along u, from the lines' coefficients
+
+static void gather_column(struct canopy_fast *fast) {
+    const uint32_t n = fast->field->frame.size[1], lines = line_count(fast);
+    for (uint32_t r = 0; r < lines; r++) {
+        fast->line.nodes[r] = is_held(fast, r, fast->index) ? fast->g[(size_t)r * n + fast->index] : CANOPY_NO_HEIGHT;
+    }
+}
+
+static void store_column(struct canopy_fast *fast) {
+    const uint32_t m = fast->field->frame.size[0], n = fast->field->frame.size[1];
+    for (uint32_t i = 0; i < m; i++) {
+        fast->b[(size_t)i * n + fast->index] = fast->result[i];
+    }
+}
+
+// ---- Coefficients that nothing covered can see
+
+// True where some line whose cells may meet the support of b[i][j], two knot intervals to either side, holds j.
+static bool is_seen(const struct canopy_fast *fast, uint32_t i, uint32_t j) {
+    const uint32_t reach = 2U * fast->lines, at = i * fast->lines, end = line_count(fast) - 1;
+    const uint32_t from = at > reach ? at - reach : 0, to = at + reach < end ? at + reach : end;
+    for (uint32_t r = from; r <= to; r++) {
+        if (is_held(fast, r, j)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+// Gives each unseen coefficient of the column in `result` the value of the nearest seen one.
+static void fill_column(struct canopy_fast *fast) {
+    const uint32_t m = fast->field->frame.size[0];
+    int32_t *nearest = fast->line.nodes;  // free once the column is fitted: distance to the last seen one, upwards
+    uint32_t last = UINT32_MAX;
+    for (uint32_t i = 0; i < m; i++) {
+        last = is_seen(fast, i, fast->index) ? i : last;
+        nearest[i] = last == UINT32_MAX ? INT32_MAX : (int32_t)(i - last);
+    }
+    uint32_t next = UINT32_MAX;
+    for (uint32_t i = m; i-- > 0;) {
+        if (nearest[i] == 0) {
+            next = i;
+        } else if (next != UINT32_MAX && (uint32_t)nearest[i] > next - i) {
+            fast->result[i] = fast->result[next];
+        } else if (nearest[i] != INT32_MAX) {
+            fast->result[i] = fast->result[i - (uint32_t)nearest[i]];
+        }
+    }
+}
+
+static bool column_is_held(const struct canopy_fast *fast, uint32_t j) {
+    const uint32_t lines = line_count(fast);
+    for (uint32_t r = 0; r < lines; r++) {
+        if (is_held(fast, r, j)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+// Gives each column on which there was nothing to fit the coefficients of the nearest one that was.
+static void fill_columns(struct canopy_fast *fast) {
+    const uint32_t m = fast->field->frame.size[0], n = fast->field->frame.size[1];
+    for (uint32_t j = 0; j < n; j++) {
+        if (column_is_held(fast, j)) {
+            continue;
+        }
+        uint32_t from = j;
+        for (uint32_t away = 1; away < n && from == j; away++) {
+            if (j >= away && column_is_held(fast, j - away)) {
+                from = j - away;
+            } else if (j + away < n && column_is_held(fast, j + away)) {
+                from = j + away;
+            }
+        }
+        for (uint32_t i = 0; i < m; i++) {
+            fast->b[(size_t)i * n + j] = fast->b[(size_t)i * n + from];
+        }
+    }
+}
+
+// ---- The steps
+
+static bool begin_one(struct canopy_fast *fast) {
+    if (fast->stage == CANOPY_FAST_LINES) {
+        gather_line(fast);
+        hold_covered(fast);
+        cells_to_nodes(fast->line.nodes, fast->field->axis[1].count);
+    } else {
+        gather_column(fast);
+    }
+    return line_fits[fast->scalar].begin(&fast->line, fast->floor, fast->ceiling);
+}
+
+static void finish_one(struct canopy_fast *fast) {
+    const uint32_t n = fast->field->frame.size[1];
+    if (fast->stage == CANOPY_FAST_LINES) {
+        line_fits[fast->scalar].finish(&fast->line, fast->g + (size_t)fast->index * n);
+    } else {
+        line_fits[fast->scalar].finish(&fast->line, fast->result);
+        fill_column(fast);
+        store_column(fast);
+    }
+    fast->solves += fast->line.solves;
+    fast->unsettled += !fast->line.settled;
+    fast->most_solves = CANOPY_MAX(fast->most_solves, fast->line.solves);
+}
+
+static void next_one(struct canopy_fast *fast) {
+    fast->begun = false;
+    fast->index++;
+    if (fast->stage == CANOPY_FAST_LINES && fast->index == line_count(fast)) {
+        fast->stage = CANOPY_FAST_COLUMNS;
+        fast->index = 0;
+        line_fits[fast->scalar].shape(&fast->line, fast->field->frame.size[0], fast->lines);
+    } else if (fast->stage == CANOPY_FAST_COLUMNS && fast->index == fast->field->frame.size[1]) {
+        fill_columns(fast);
+        fast->stage = CANOPY_FAST_DONE;
+    }
+}
+
+enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget) {
+    for (; budget > 0 && (fast->stage == CANOPY_FAST_LINES || fast->stage == CANOPY_FAST_COLUMNS); budget--) {
+        if (!fast->begun) {
+            fast->begun = begin_one(fast);
+            if (!fast->begun) {
+                next_one(fast);  // a line with nothing on it
+                continue;
+            }
+        }
+        if (!line_fits[fast->scalar].iterate(&fast->line)) {
+            finish_one(fast);
+            next_one(fast);
+        }
+    }
+    return fast->stage == CANOPY_FAST_DONE ? CANOPY_OK : CANOPY_MORE;
+}
+
+enum canopy_status canopy_fast_raise(const struct canopy_field *field, int32_t *coefficients, uint32_t cell,
+                                     int32_t by) {
+    const uint32_t columns = field->axis[1].count, m = field->frame.size[0], n = field->frame.size[1];
+    const uint32_t h = cell / columns / field->axis[0].cells, w = cell % columns / field->axis[1].cells;
+    const uint32_t u0 = h > 0 ? h - 1 : 0, u1 = h + 2 < m ? h + 2 : m - 1;
+    const uint32_t v0 = w > 0 ? w - 1 : 0, v1 = w + 2 < n ? w + 2 : n - 1;
+    for (uint32_t i = u0; i <= u1; i++) {
+        for (uint32_t j = v0; j <= v1; j++) {
+            if (coefficients[i * n + j] > CANOPY_COEFFICIENT_LIMIT - by) {
+                return CANOPY_RANGE;
+            }
+        }
+    }
+    for (uint32_t i = u0; i <= u1; i++) {
+        for (uint32_t j = v0; j <= v1; j++) {
+            coefficients[i * n + j] += by;
+        }
+    }
+    return CANOPY_OK;
+}
+
+void canopy_fast_orient(const struct canopy_frame *frame, int32_t *coefficients) {
+    if (frame->side == CANOPY_BELOW) {
+        const uint32_t count = (uint32_t)frame->size[0] * frame->size[1];
+        for (uint32_t i = 0; i < count; i++) {
+            coefficients[i] = -coefficients[i];
+        }
+    }
+}

@@ -1,0 +1,75 @@
+/// The fast safe surface: lines, then columns (paper S0, Section 6), from the bounded field.
+///
+/// Lines run along v, `lines` of them to a knot interval of u. Each is fitted above all cells within one line distance
+/// on either side, so that the straight line between two neighbouring lines' splines is above the data between them.
+/// Then each column of coefficients is fitted above the lines' coefficients, wherever a line's coefficient has data in
+/// its support ("held"); the others leave their row free. N(v-j) >= 0 makes the surface safe (cover.md 3).
+/// With one line a knot interval this is the paper's construction; two or four cost as many times the line solves and
+/// are tighter (docs/numbers.md).
+///
+/// A coefficient no covered cell can see (all 4 x 4 cells of its support empty) is set to the nearest coefficient that
+/// one can see. It shapes nothing that is covered.
+///
+/// The field may rise between the steps of one fit: what a line has already read it no longer sees. The fit is
+/// therefore a proposal; canopy_certify says whether it holds, and canopy_fast_raise mends what rose in between.
+#ifndef CANOPY_COVER_FAST_H
+#define CANOPY_COVER_FAST_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "lib/arena.h"
+#include "lib/cover/field.h"
+#include "lib/cover/line.h"
+#include "lib/status.h"
+
+#define CANOPY_MAX(a, b) ((a) > (b) ? (a) : (b))
+
+/// Bytes of arena of a fit of m x n coefficients, `cv` cells a knot interval along v, `lines` a knot interval of u.
+#define CANOPY_FAST_ARENA(m, n, cv, lines)                                                                             \
+    (CANOPY_LINE_ARENA(CANOPY_MAX(m, n), CANOPY_MAX(cv, lines)) +                                                      \
+     CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(m, lines) * (size_t)(n)) +                                              \
+     CANOPY_ARENA_ROUND((CANOPY_LINE_NODES(m, lines) * (size_t)(n) + 7U) / 8U) +                                       \
+     CANOPY_ARENA_ROUND(4U * (size_t)CANOPY_MAX(m, n)))
+
+enum canopy_fast_stage { CANOPY_FAST_IDLE, CANOPY_FAST_LINES, CANOPY_FAST_COLUMNS, CANOPY_FAST_DONE };
+
+struct canopy_fast {
+    const struct canopy_field *field;
+    struct canopy_line line;
+    uint8_t scalar;          ///< enum canopy_scalar
+    uint8_t stage;           ///< enum canopy_fast_stage
+    uint16_t lines;          ///< lines a knot interval of u; divides the field's cells
+    int32_t *g;              // coefficients of the lines, (lines (m-1) + 1) x n
+    uint8_t *held;           // one bit for each of them
+    int32_t *result;         // one line's coefficients
+    int32_t *b;              // the caller's coefficients
+    uint32_t index;          // the line or column in work …
+    bool begun;              // … and whether it has begun
+    int32_t floor, ceiling;  // coefficients beyond these have exploded: the field's range, three times over
+    uint32_t solves;         ///< banded solves of this fit so far
+    uint32_t unsettled;      ///< lines and columns that did not end by themselves and were lifted
+    uint16_t most_solves;    ///< most solves of one line
+};
+
+/// `lines` must divide the field's cells along u. The scalar picks the arithmetic of the solves, nothing else.
+enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canopy_field *field,
+                                    enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes);
+
+/// Begins a fit into `coefficients`, m x n, which the caller leaves alone until it is done.
+/// CANOPY_EMPTY: the field has no data.
+enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coefficients);
+
+/// Does at most `budget` units of work, each one iteration of one line. CANOPY_MORE or CANOPY_OK.
+/// The coefficients are in the library's orientation: above, mirrored for the side below.
+enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget);
+
+/// Raises the 4 x 4 coefficients that shape the cell's knot cell by `by` steps: the bound of canopy_certify rises by
+/// as much on the whole knot cell and falls nowhere. CANOPY_RANGE: a coefficient would leave its limit; nothing done.
+enum canopy_status canopy_fast_raise(const struct canopy_field *field, int32_t *coefficients, uint32_t cell,
+                                     int32_t by);
+
+/// Turns coefficients of the library's orientation into those of an envelope and back: negates for the side below.
+void canopy_fast_orient(const struct canopy_frame *frame, int32_t *coefficients);
+
+#endif

@@ -1,0 +1,78 @@
+/// The bounded streaming field: the highest point of every cell, and nothing else (cover.md 5).
+///
+/// Each knot interval is cut into cells[0] x cells[1] cells. A point raises its cell and is forgotten, so memory is
+/// fixed and a point costs the same however many there are. Two fields of one frame merge by maximum.
+///
+/// Heights are steps of the frame, rounded up, and mirrored for the side below: inside the library the surrogate is
+/// always above. A cell without data is CANOPY_NO_HEIGHT, also when data surround it.
+///
+/// A cell is exact where pitch is a multiple of cells, as it is for cells = frame.cells: its edges are whole quanta,
+/// and a point lies in the closed cell it raises. Otherwise the field is *approximate*: in fixed point the argument
+/// still holds, in float a point may stand in the neighbour of its cell, and a certificate from the field is refused.
+#ifndef CANOPY_COVER_FIELD_H
+#define CANOPY_COVER_FIELD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "lib/arena.h"
+#include "lib/cover/frame.h"
+#include "lib/cover/line.h"
+#include "lib/status.h"
+
+/// Bytes of arena of a field of m x n coefficients with cu x cv cells a knot interval.
+#define CANOPY_FIELD_ARENA(m, n, cu, cv)                                                                               \
+    CANOPY_ARENA_ROUND(4U * (size_t)(cu) * ((size_t)(m)-1U) * (size_t)(cv) * ((size_t)(n)-1U))
+
+/// One axis of a field. `extent` and `cell` are quanta; the reciprocal is floor(2^32 * cells / pitch).
+struct canopy_field_axis {
+    uint32_t extent;
+    uint32_t cell;  // pitch / cells where exact, else 0
+    uint32_t pitch;
+    uint32_t reciprocal;
+    uint32_t count;  // cells along the axis
+    uint16_t cells;
+};
+
+struct canopy_field {
+    struct canopy_frame frame;
+    struct canopy_field_axis axis[2];
+    int32_t *heights;  ///< axis[0].count x axis[1].count, row (u) order
+    bool exact;        ///< every cell edge is a whole quantum
+    uint32_t covered;  ///< cells with data
+};
+
+/// What a point did to the field.
+struct canopy_field_hit {
+    uint32_t cell;   ///< index into heights
+    int32_t height;  ///< the point's height in steps
+    bool raised;     ///< the cell was lower, or empty
+};
+
+/// Makes an empty field. cells: a knot interval in u and v, each 1 to CANOPY_CELLS_MAX and at most the pitch.
+enum canopy_status canopy_field_init(struct canopy_field *field, const struct canopy_frame *frame,
+                                     const uint16_t cells[2], void *arena, size_t bytes);
+
+/// Forgets all data.
+void canopy_field_clear(struct canopy_field *field);
+
+/// Takes one point in device units of the frame's scalar. The frame's axes must be x, y, z.
+/// CANOPY_OUT_OF_FRAME: beside the frame. CANOPY_RANGE: too far beyond the frame's heights on the side that matters
+/// (the other side is taken as the lowest height there is). The field is then unchanged. NaN is CANOPY_OUT_OF_FRAME.
+enum canopy_status canopy_field_insert_fx(struct canopy_field *field, const int32_t point[3],
+                                          struct canopy_field_hit *hit);
+enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const float point[3],
+                                           struct canopy_field_hit *hit);
+
+/// Takes `count` points; returns how many of them were refused.
+size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[3], size_t count);
+size_t canopy_field_feed_f32(struct canopy_field *field, const float (*points)[3], size_t count);
+
+/// Merges `other` into `field` by maximum. CANOPY_ARGUMENT: their frames or cells differ; nothing is changed.
+enum canopy_status canopy_field_merge(struct canopy_field *field, const struct canopy_field *other);
+
+/// One bit a knot cell with data, as struct canopy_envelope has it. Returns how many are set.
+uint32_t canopy_field_coverage(const struct canopy_field *field, uint8_t *bits);
+
+#endif
