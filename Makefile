@@ -29,7 +29,8 @@ HOSTTEST_NAMES := $(patsubst hosttest/%.c,%,$(HOSTTEST_SOURCES))
 FUZZ_NAMES := $(patsubst hosttest/%.c,%,$(sort $(wildcard hosttest/fuzz_*.c)))
 
 # Generated C stands in $(BUILD)/gen, which is on the include path. Whoever adds a generator adds its outputs here.
-GENERATED :=
+GENERATED := $(BUILD)/gen/canopy_registers.h $(BUILD)/gen/canopy_register_table.h
+REGISTERS := $(GENERATED) $(addprefix $(BUILD)/registers.,json csv md)
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Flags. No contraction and no x87: a float is a float everywhere, or the error bounds of the float path are void.
@@ -57,6 +58,14 @@ $(addprefix setup-,$(SETUP_GROUPS)): setup-%:
 .PHONY: help
 help:  ## print this list
 	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## /{printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+# The register map: C tables, JSON, CSV and page from one table. docs/registers.md is the page, kept in the tree; a test
+# says when it is out of date (tools/registers.py --page docs/registers.md).
+$(REGISTERS) &: lib/plc/registers.csv tools/registers.py | setup-host
+	@tools/registers.py --out $(BUILD)
+
+.PHONY: registers
+registers: $(REGISTERS)  ## the register map: registers.json, .csv and .md
 
 # compile(variant directory, compiler, flags): a rule from any C file of the tree to an object of that variant.
 define compile
@@ -97,7 +106,7 @@ $(foreach t,$(TOOL_DIRS),$(eval $(call program,$(HOST)/$(call program_name,$(t))
 $(eval $(call program,$(HOST)/canopyd,$(CANOPYD)))
 
 .PHONY: tools
-tools: $(PROGRAMS) $(HOST)/libcanopy.a  ## the host programs: canopy, canopyd, canopy-scanner, canopy-plc
+tools: $(PROGRAMS) $(HOST)/libcanopy.a $(REGISTERS)  ## the host programs: canopy, canopyd, canopy-scanner, canopy-plc
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Tests on the host: every unit list in four variants; the host-only tests, which need Debian's 64-bit libraries, in two
