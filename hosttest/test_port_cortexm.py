@@ -143,10 +143,10 @@ def test_fault_says_where_and_survives_the_reset(board, order, kind, place, bit,
 
 def test_stack_overflow_faults_instead_of_eating_data(board):
     console, record = board.crash("s")
-    assert record["kind"] == 3, "the bus fault cannot push its own frame and becomes a hard fault"
+    assert record["kind"] == 4
     assert record["pc"] == 0, "no frame to read"
-    assert record["cfsr"] & 1 << 12, "stacking error"
-    assert console.startswith("fault 00000003 ")
+    assert record["cfsr"] & 1 << 4, "stacking error"
+    assert console.startswith("fault 00000004 ")
 
 
 def test_a_hang_is_ended_by_the_watchdog_and_says_where(board):

@@ -7,7 +7,8 @@
 /// The end of the stack, from the linker: the first word of the vector table.
 extern uint32_t canopy_stack_top[];
 
-/// Copies .data, clears .bss, turns on the configurable faults and calls main. A main that returns is a fault.
+/// Copies .data, clears .bss, turns on the configurable faults, guards the
+/// end of the stack where the chip has a memory protection unit, and calls main. A main that returns is a fault.
 void canopy_reset(void);
 
 /// Every exception that nobody handles, faults and the watchdog's NMI: see port/cortexm/fault.h.
