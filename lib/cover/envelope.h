@@ -6,6 +6,7 @@
 #define CANOPY_COVER_ENVELOPE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "lib/cover/frame.h"
@@ -26,7 +27,7 @@ struct canopy_envelope {
 bool canopy_envelope_covers(const struct canopy_envelope *envelope, uint32_t u, uint32_t v);
 
 /// The surface's height at (u, v), quanta from the frame's origin along its axes, in steps, rounded to the *cautious*
-/// side: never above S for an envelope above, never below S for one below; within 40 steps of S (of the 2^24 that the
+/// side: never above S for an envelope above, never below S for one below; within 24 steps of S (of the 2^24 that the
 /// data's range takes). A point that is on the safe side of this height is on the safe side of S.
 /// CANOPY_OUT_OF_FRAME: beside the frame; *steps is unchanged. About 400 instructions on a Cortex-M3.
 enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v,

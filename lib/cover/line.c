@@ -1,6 +1,7 @@
 #include "lib/cover/line.h"
 
 #include "lib/num/fixed.h"
+#include "lib/spline/bound.h"
 
 void canopy_line_init(struct canopy_line *line, size_t n, size_t q, struct canopy_arena *cut) {
     *line = (struct canopy_line){0};
@@ -13,13 +14,6 @@ void canopy_line_init(struct canopy_line *line, size_t n, size_t q, struct canop
     line->weights = canopy_arena_take(cut, 12 * (q + 1));
 }
 
-// min(D[i], 0) with the end coefficients repeated.
-static inline int64_t bend(const int32_t *b, uint16_t n, uint16_t i) {
-    const int32_t before = b[i > 0 ? i - 1 : 0], after = b[i + 1 < n ? i + 1 : i];
-    const int64_t second = (int64_t)before - 2 * (int64_t)b[i] + after;
-    return second < 0 ? second : 0;
-}
-
 // Raises b[from] … b[to], as far as they exist.
 static void raise(int32_t *b, uint16_t n, int from, int to, int32_t by) {
     for (int i = from < 0 ? 0 : from; i <= to && i < n; i++) {
@@ -28,25 +22,23 @@ static void raise(int32_t *b, uint16_t n, int from, int to, int32_t by) {
 }
 
 int32_t canopy_line_lift(int32_t *b, uint16_t n, uint16_t q, const int32_t *nodes) {
-    const int64_t q2 = 6 * (int64_t)q * q, one = q2 * q;  // everything below is exact, in units of 1/(6 q^3)
+    const int64_t one = 6 * (int64_t)q * q * q;  // everything below is exact, in units of 1/(6 q^3)
     int32_t most = 0;
     for (uint16_t h = 0; h + 1 < n; h++) {
-        int64_t left = bend(b, n, h), right = bend(b, n, (uint16_t)(h + 1));
+        int64_t left = canopy_bend(b, n, h), right = canopy_bend(b, n, h + 1U);
         const int last = h + 2 == n ? q : q - 1;  // a knot's node belongs to the interval on its right
         for (int k = 0; k <= last; k++) {
             const int32_t height = nodes[(size_t)h * q + (size_t)k];
             if (height == CANOPY_NO_HEIGHT) {
                 continue;
             }
-            const int64_t r = q - k, s = k;
-            const int64_t bound = q2 * (r * b[h] + s * b[h + 1]) + r * r * r * left + s * s * s * right;
-            const int64_t missing = one * height - bound;
+            const int64_t missing = one * height - canopy_bound_exact(b, h, left, right, (uint32_t)k, q);
             if (missing > 0) {
                 const int32_t by = (int32_t)canopy_div_ceil(missing, one);
                 raise(b, n, h - (k < q), h + 1 + (k > 0), by);
                 most = by > most ? by : most;
-                left = bend(b, n, h);
-                right = bend(b, n, (uint16_t)(h + 1));
+                left = canopy_bend(b, n, h);
+                right = canopy_bend(b, n, h + 1U);
             }
         }
     }
