@@ -4,6 +4,7 @@
 BUILD ?= build
 BOARD ?= mps2_an385
 SECONDS ?= 60
+PYTHON := /usr/bin/python3# Debian's own, which has the packages that tools/setup installs
 Q := $(if $(V),,@)
 
 .DEFAULT_GOAL := help
@@ -35,7 +36,7 @@ REGISTERS := $(GENERATED) $(addprefix $(BUILD)/registers.,json csv md)
 # ---------------------------------------------------------------------------------------------------------------------
 # Flags. No contraction and no x87: a float is a float everywhere, or the error bounds of the float path are void.
 
-WARN := -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Wdouble-promotion -Werror
+WARN := -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Wdouble-promotion -Wvla -Werror
 WARN_GCC := $(WARN) -Wcast-align=strict
 WARN_CLANG := $(WARN) -Wcast-align
 CFLAGS_ALL := -std=c11 -g -I. -I$(BUILD)/gen -ffp-contract=off -MMD -MP
@@ -47,7 +48,7 @@ HOST_LIBS := -Wl,--as-needed -lmodbus -lgmp -ljansson -lm -pthread
 # ---------------------------------------------------------------------------------------------------------------------
 # What must be installed: checked quickly before anything of its kind is built, installed only when missing.
 
-SETUP_GROUPS := host test firmware emulator python lint coverage fuzz
+SETUP_GROUPS := host test firmware emulator python lint coverage fuzz bench
 .PHONY: $(addprefix setup-,$(SETUP_GROUPS))
 $(addprefix setup-,$(SETUP_GROUPS)): setup-%:
 	@tools/setup $*
@@ -113,30 +114,30 @@ tools: $(PROGRAMS) $(HOST)/libcanopy.a $(REGISTERS)  ## the host programs: canop
 
 TEST := $(BUILD)/test
 
-# variant(name, compiler, flags, runner, libraries, host-only tests)
+# variant(directory, compiler, instrumentation, flags, runner, libraries): rules for its programs
 define variant
-$(call compile,$(TEST)/$(1),$(2),-O1 $(SANITIZE) $(HOST_DEFINES) $(3),setup-test)
-$(TEST)/$(1)/unit_%: $(TEST)/$(1)/obj/hosttest/unit/test_%.o $(TEST)/$(1)/obj/hosttest/unit/$(4).o \
-    $(TEST)/$(1)/libcanopy.a
-	$$(Q)$(2) $(SANITIZE) $(3) $$^ $(5) -lm -o $$@
-$(TEST)/$(1)/test_%: $(TEST)/$(1)/obj/hosttest/test_%.o $(TEST)/$(1)/libtools.a $(TEST)/$(1)/libport.a \
-    $(TEST)/$(1)/libcanopy.a
-	$$(Q)$(2) $(SANITIZE) $(3) $$^ -lcmocka $(HOST_LIBS) -o $$@
-TEST_PROGRAMS += $(addprefix $(TEST)/$(1)/,$(UNIT_NAMES) $(6))
+$(call compile,$(1),$(2),-O1 $(3) $(HOST_DEFINES) $(4),setup-test)
+$(1)/unit_%: $(1)/obj/hosttest/unit/test_%.o $(1)/obj/hosttest/unit/$(5).o $(1)/libcanopy.a
+	$$(Q)$(2) $(3) $(4) $$^ $(6) -lm -o $$@
+$(1)/test_%: $(1)/obj/hosttest/test_%.o $(1)/libtools.a $(1)/libport.a $(1)/libcanopy.a
+	$$(Q)$(2) $(3) $(4) $$^ -lcmocka $(HOST_LIBS) -o $$@
 endef
-$(eval $(call variant,gcc64,gcc,$(WARN_GCC),run_cmocka,-lcmocka,$(HOSTTEST_NAMES)))
-$(eval $(call variant,clang64,clang,$(WARN_CLANG),run_cmocka,-lcmocka,$(HOSTTEST_NAMES)))
-$(eval $(call variant,gcc32,gcc,-m32 $(SSE) $(WARN_GCC),run_plain,,))
-$(eval $(call variant,clang32,clang,-m32 $(SSE) $(WARN_CLANG),run_plain,,))
+$(eval $(call variant,$(TEST)/gcc64,gcc,$(SANITIZE),$(WARN_GCC),run_cmocka,-lcmocka))
+$(eval $(call variant,$(TEST)/clang64,clang,$(SANITIZE),$(WARN_CLANG),run_cmocka,-lcmocka))
+$(eval $(call variant,$(TEST)/gcc32,gcc,$(SANITIZE),-m32 $(SSE) $(WARN_GCC),run_plain,))
+$(eval $(call variant,$(TEST)/clang32,clang,$(SANITIZE),-m32 $(SSE) $(WARN_CLANG),run_plain,))
+TEST_PROGRAMS := $(foreach v,gcc64 clang64,$(addprefix $(TEST)/$(v)/,$(UNIT_NAMES) $(HOSTTEST_NAMES))) \
+    $(foreach v,gcc32 clang32,$(addprefix $(TEST)/$(v)/,$(UNIT_NAMES)))
 
 .PHONY: test-programs test
 test-programs: $(TEST_PROGRAMS)
-test: test-programs tools | setup-python  ## every test: host variants, Python, firmware under QEMU
-	+@BUILD=$(BUILD) hosttest/run
+test: test-programs tools firmware | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
+	@BUILD=$(BUILD) hosttest/run
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Firmware of BOARD: the station (boards/<board>/main.c), every unit list, and each program of hosttest/firmware
 
+ifneq (,$(wildcard boards/$(BOARD)/board.mk))  # a board with firmware: linux has none
 include boards/$(BOARD)/board.mk
 
 FW := $(BUILD)/$(BOARD)
@@ -147,9 +148,9 @@ FW_BOARD_SOURCES := $(sort $(filter-out boards/$(BOARD)/main.c,$(wildcard boards
     $(wildcard port/$(BOARD_PORT)/*.c))
 FW_BOARD := $(addprefix $(FW)/obj/,$(FW_BOARD_SOURCES:.c=.o))
 FW_MAIN := $(wildcard boards/$(BOARD)/main.c)
+FW_STATIONS := $(if $(FW_MAIN),$(FW)/canopy.elf $(BOARD_GRIDS:%=$(FW)/canopy-%.elf))
 FW_UNITS := $(UNIT_NAMES:%=$(FW)/%.elf)
 FW_OTHERS := $(patsubst hosttest/firmware/%.c,$(FW)/%.elf,$(sort $(wildcard hosttest/firmware/*.c)))
-FW_STATIONS := $(if $(FW_MAIN),$(FW)/canopy.elf)
 FIRMWARE := $(FW_STATIONS) $(FW_UNITS) $(FW_OTHERS)
 
 $(eval $(call compile,$(FW),arm-none-eabi-gcc,$(FW_FLAGS),setup-firmware))
@@ -164,6 +165,13 @@ endef
 $(FIRMWARE): linker/cortexm.ld linker/$(BOARD_CHIP).ld boards/$(BOARD)/board.mk
 $(FW)/canopy.elf: $(FW)/obj/boards/$(BOARD)/main.o $(FW_BOARD) $(FW)/libcanopy.a
 	$(call image,$(BOARD_STACK))
+# the station for another grid: canopy-10x10.elf
+$(FW)/canopy-%.elf: $(FW)/obj/boards/$(BOARD)/main-%.o $(FW_BOARD) $(FW)/libcanopy.a
+	$(call image,$(BOARD_STACK))
+$(FW)/obj/boards/$(BOARD)/main-%.o: boards/$(BOARD)/main.c | setup-firmware $(GENERATED)
+	@mkdir -p $(@D)
+	$(Q)arm-none-eabi-gcc $(CFLAGS_ALL) $(FW_FLAGS) -DSTATION_GRID_M=$(word 1,$(subst x, ,$*)) \
+	    -DSTATION_GRID_N=$(word 2,$(subst x, ,$*)) -c $< -o $@
 $(FW_UNITS): $(FW)/unit_%.elf: $(FW)/obj/hosttest/unit/test_%.o $(FW)/obj/hosttest/unit/run_firmware.o $(FW_BOARD) \
     $(FW)/libcanopy.a
 	$(call image,16384)
@@ -172,6 +180,74 @@ $(FW_OTHERS): $(FW)/%.elf: $(FW)/obj/hosttest/firmware/%.o $(FW_BOARD) $(FW)/lib
 
 .PHONY: firmware
 firmware: $(FIRMWARE)  ## images for BOARD (default mps2_an385): build/<board>/*.elf
+
+.PHONY: size stack
+size: $(FIRMWARE)  ## flash and RAM of the images, by section and by object, against the board's budgets
+	@$(PYTHON) tools/size.py $(BOARD_BUDGETS:%=--budget %) $(FW_STATIONS:.elf=.map) $(if $(V),$(FW_OTHERS:.elf=.map))
+stack: $(FW_STATIONS)  ## worst-case stack of the station's images, from the call graph
+	@$(PYTHON) tools/stack.py --calls tools/calls.txt --objects $(FW)/obj $(FW_STATIONS)
+else
+.PHONY: firmware size stack
+firmware size stack:
+	@echo "$@: BOARD=$(BOARD) has no firmware"
+endif
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Whole runs: scripts of tools/ that take what has been built
+
+.PHONY: demo bench
+demo: tools firmware | setup-python setup-emulator  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
+	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene $(SCENE)) $(DEMO)
+bench: tools firmware | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
+	@BUILD=$(BUILD) $(PYTHON) tools/bench.py $(BENCH)
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Quality: style and rules, coverage, fuzzing
+
+C_FILES := $(sort $(shell find lib port boards hosttest tools -name '*.[ch]' -o -name '*.inc'))
+TIDY_HOST := $(filter lib/%.c port/linux/%.c boards/linux/%.c tools/%.c,$(C_FILES))
+TIDY_FLAGS := -std=c11 -I. -I$(BUILD)/gen $(HOST_DEFINES)
+
+.PHONY: lint lint-format lint-rules lint-tidy lint-cppcheck
+lint: lint-format lint-rules lint-tidy lint-cppcheck  ## format, clang-tidy, cppcheck, and the rules of the house
+.PHONY: format
+format: | setup-lint  ## lay out every C file as .clang-format says
+	@clang-format -i $(C_FILES)
+lint-format: | setup-lint
+	@clang-format --dry-run -Werror $(C_FILES) && echo "format: $(words $(C_FILES)) files"
+lint-rules: $(BUILD)/mps2_an385/libcanopy.a
+	@$(PYTHON) tools/rules.py --archive $<
+lint-tidy: $(GENERATED) | setup-lint
+	@printf '%s\n' $(TIDY_HOST) | xargs -P $$(nproc) -n 4 sh -c 'clang-tidy --quiet "$$@" -- $(TIDY_FLAGS) 2>/dev/null' tidy \
+	    && echo "clang-tidy: $(words $(TIDY_HOST)) files"
+lint-cppcheck: $(GENERATED) | setup-lint
+	@mkdir -p $(BUILD)/cppcheck
+	@cppcheck --quiet -j $$(nproc) --std=c11 --language=c --enable=warning,performance,portability --inline-suppr \
+	    --error-exitcode=1 --suppress=missingIncludeSystem --cppcheck-build-dir=$(BUILD)/cppcheck -I. -I$(BUILD)/gen \
+	    -Iboards/mps2_an385 $(filter %.c,$(C_FILES)) && echo "cppcheck: $(words $(filter %.c,$(C_FILES))) files"
+
+COVERAGE := $(BUILD)/coverage
+$(eval $(call variant,$(COVERAGE),gcc,--coverage,$(WARN_GCC),run_cmocka,-lcmocka))
+.PHONY: coverage
+coverage: $(addprefix $(COVERAGE)/,$(UNIT_NAMES) $(HOSTTEST_NAMES)) | setup-coverage  ## what the C tests reach: build/coverage/index.html
+	@find $(COVERAGE) -name '*.gcda' -delete
+	@set -e; for program in $^; do $$program >$$program.log 2>&1 || { cat $$program.log; exit 1; }; done
+	@gcovr --root . --object-directory $(COVERAGE) --filter lib/ --filter tools/common/ --filter port/linux/ --branches \
+	    --html-details $(COVERAGE)/index.html --print-summary --txt $(COVERAGE)/branches.txt >$(COVERAGE)/summary.txt
+	@gcovr --root . --object-directory $(COVERAGE) --filter lib/ --filter tools/common/ --filter port/linux/
+	@tail -n 3 $(COVERAGE)/summary.txt; echo "$(COVERAGE)/index.html"
+
+FUZZ := $(BUILD)/fuzz
+FUZZ_FLAGS := -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
+$(eval $(call compile,$(FUZZ),clang,-O1 $(FUZZ_FLAGS) $(HOST_DEFINES) $(WARN_CLANG),setup-fuzz))
+$(FUZZ)/fuzz_%: $(FUZZ)/obj/hosttest/fuzz_%.o $(FUZZ)/libtools.a $(FUZZ)/libcanopy.a
+	$(Q)clang $(subst fuzzer-no-link,fuzzer,$(FUZZ_FLAGS)) $^ $(HOST_LIBS) -o $@
+.PHONY: fuzz
+fuzz: $(FUZZ_NAMES:%=$(FUZZ)/%)  ## fuzz each parser for SECONDS (default 60); finds are kept below build/fuzz
+	@set -e; for program in $^; do mkdir -p $$program.corpus; echo "$$program for $(SECONDS) s"; \
+	    $$program -max_total_time=$(SECONDS) -print_final_stats=1 -artifact_prefix=$$program- $$program.corpus \
+	    >$$program.log 2>&1 || { tail -n 60 $$program.log; exit 1; }; \
+	    grep -E 'number_of_executed_units|^Done' $$program.log; done
 
 # ---------------------------------------------------------------------------------------------------------------------
 
