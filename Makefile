@@ -84,7 +84,7 @@ $(1)/libport.a: $(addprefix $(1)/obj/,$(PORT_LINUX:.c=.o))
 $(1)/lib%.a:
 	@mkdir -p $$(@D)
 	@rm -f $$@
-	$$(Q)$(if $(filter arm-%,$(2)),arm-none-eabi-)ar rcsDP $$@ $$^
+	$$(Q)$(if $(filter arm-%,$(2)),arm-none-eabi-ar rcsDT,ar rcsD) $$@ $$^
 endef
 
 # ---------------------------------------------------------------------------------------------------------------------
