@@ -109,7 +109,7 @@ struct canopy_modbus_expected {
 
 /// Writes the request's PDU (room for CANOPY_MODBUS_PDU_MAX bytes) and what its response must agree with. Returns the
 /// PDU's length, or 0 when no such request exists: another function, a count outside the function's limits,
-/// registers beyond 65535, no values, a broadcast that reads.
+/// registers beyond 65535, no values, a broadcast that reads. Nothing has been written then.
 size_t canopy_modbus_request_write(const struct canopy_modbus_request *request, uint8_t *pdu,
                                    struct canopy_modbus_expected *expected);
 
@@ -121,6 +121,10 @@ enum canopy_modbus_verdict {
 /// Judges a whole response PDU.
 enum canopy_modbus_verdict canopy_modbus_response_check(const struct canopy_modbus_expected *expected,
                                                         const uint8_t *pdu, size_t length);
+
+/// Copies at most `count` registers of an answer to 03, 04 or 23, host order; returns how many there were to copy.
+size_t canopy_modbus_registers(const struct canopy_modbus_expected *expected, const uint8_t *pdu, uint16_t *to,
+                               size_t count);
 
 /// What became of a client's request.
 enum canopy_modbus_outcome {
