@@ -14,8 +14,8 @@ bool canopy_envelope_covers(const struct canopy_envelope *envelope, uint32_t u, 
     return envelope->coverage[bit / 8] >> bit % 8 & 1U;
 }
 
-enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v,
-                                          int32_t *steps) {
+enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v, int32_t *low,
+                                          int32_t *high) {
     const struct canopy_frame *frame = &envelope->frame;
     if (!inside(frame, u, v)) {
         return CANOPY_OUT_OF_FRAME;
@@ -23,6 +23,7 @@ enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope
     const struct canopy_place pu = canopy_place_of(u, frame->pitch[0], frame->size[0]);
     const struct canopy_place pv = canopy_place_of(v, frame->pitch[1], frame->size[1]);
     const int32_t height = canopy_surface_fx(envelope->coefficients, frame->size, &pu, &pv, NULL);
-    *steps = frame->side == CANOPY_ABOVE ? height - CANOPY_SURFACE_FX_ERROR : height + CANOPY_SURFACE_FX_ERROR;
+    *low = height - CANOPY_SURFACE_FX_ERROR;
+    *high = height + CANOPY_SURFACE_FX_ERROR;
     return CANOPY_OK;
 }

@@ -20,17 +20,17 @@ struct canopy_envelope {
     uint8_t *coverage;      ///< one bit a knot cell, (size[0]-1) x (size[1]-1), row order, bit i at byte i/8 bit i%8
 };
 
-#define CANOPY_COEFFICIENTS(m, n) ((m) * (n))
-#define CANOPY_COVERAGE_BYTES(m, n) ((((m)-1) * ((n)-1) + 7) / 8)
+#define CANOPY_COEFFICIENTS(m, n) ((size_t)(m) * (size_t)(n))
+#define CANOPY_COVERAGE_BYTES(m, n) ((((size_t)(m)-1U) * ((size_t)(n)-1U) + 7U) / 8U)
 
 /// Whether the knot cell that holds (u, v), quanta from the origin, has data. The point must be inside the frame.
 bool canopy_envelope_covers(const struct canopy_envelope *envelope, uint32_t u, uint32_t v);
 
-/// The surface's height at (u, v), quanta from the frame's origin along its axes, in steps, rounded to the *cautious*
-/// side: never above S for an envelope above, never below S for one below; within 24 steps of S (of the 2^24 that the
-/// data's range takes). A point that is on the safe side of this height is on the safe side of S.
-/// CANOPY_OUT_OF_FRAME: beside the frame; *steps is unchanged. About 400 instructions on a Cortex-M3.
-enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v,
-                                          int32_t *steps);
+/// Bounds of the surface's height at (u, v), quanta from the frame's origin along its axes, in steps: low <= S <= high,
+/// high - low = 2 * CANOPY_SURFACE_FX_ERROR, 24 of the 2^24 steps that the data's range takes. A point no higher than
+/// `low` is under an envelope above for sure; a point higher than `high` is beyond it for sure; below is mirrored.
+/// CANOPY_OUT_OF_FRAME: beside the frame; the bounds are unchanged.
+enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v, int32_t *low,
+                                          int32_t *high);
 
 #endif

@@ -1,0 +1,426 @@
+#include "lib/station/station.h"
+
+#include <string.h>
+
+#include "lib/spline/surface.h"
+
+// ---- One bit a cell
+
+static bool get_bit(const uint8_t *bits, uint32_t at) { return bits[at / 8] >> at % 8 & 1U; }
+
+// True if it was clear.
+static bool set_bit(uint8_t *bits, uint32_t at) {
+    const bool was_clear = !get_bit(bits, at);
+    bits[at / 8] |= (uint8_t)(1U << at % 8);
+    return was_clear;
+}
+
+static void clear_bit(uint8_t *bits, uint32_t at) { bits[at / 8] &= (uint8_t) ~(1U << at % 8); }
+
+static uint32_t cell_count(const struct canopy_station *station) {
+    return station->field.axis[0].count * station->field.axis[1].count;
+}
+
+static void clear_bits(const struct canopy_station *station, uint8_t *bits) {
+    memset(bits, 0, (cell_count(station) + 7) / 8);
+}
+
+// ---- What the registers ask
+
+static uint32_t ms_of(uint64_t us) {
+    const uint64_t ms = us / 1000;
+    return ms < UINT32_MAX ? (uint32_t)ms : UINT32_MAX;
+}
+
+static bool is_stale(const struct canopy_station *station) {
+    return !station->have_reading || station->now_us - station->reading_us > station->config.stale_after_us;
+}
+
+static void show_live(void *context, struct canopy_plc_live *to) {
+    const struct canopy_station *station = context;
+    const bool published = canopy_plc_published(&station->plc) != NULL, stale = is_stale(station);
+    to->heartbeat = station->heartbeat;
+    to->age_ms = station->have_reading ? ms_of(station->now_us - station->reading_us) : UINT32_MAX;
+    to->stale_after_ms = station->config.stale_after_us / 1000;
+    to->sensor_faults = station->sensor_faults;
+    to->coverage_pct = station->coverage_pct;
+    to->status = (uint16_t)((published && !stale && !station->intrusion ? CANOPY_PLC_VALID : 0) |
+                            (station->intrusion ? CANOPY_PLC_INTRUSION : 0) | (stale ? CANOPY_PLC_STALE : 0));
+}
+
+static void show_counters(void *context, struct canopy_plc_counters *to) {
+    const struct canopy_station *station = context;
+    to->rx_frames = station->port.rx_frames;
+    to->rx_errors = station->port.rx_errors;
+    to->lost_bytes = station->port.lost_bytes;
+    to->cycle_us = station->port.cycle_us;
+    to->cycle_max_us = station->port.cycle_max_us;
+    to->uptime_s = (uint32_t)((station->now_us - station->start_us) / 1000000);
+    to->points_accepted = station->accepted;
+    to->points_rejected = station->rejected;
+    to->intrusions = station->intrusions;
+    to->fits_failed = station->fits_failed;
+    to->scan_errors = station->scan_errors;
+    if (station->scan != NULL) {
+        to->readings_invalid = station->scan->invalid;
+        to->profiles = station->scan->profiles;
+        to->profiles_missed = station->scan->missed;
+        to->profiles_torn = station->scan->torn;
+        to->profiles_short = station->scan->short_of;
+        to->profiles_stale = station->scan->stale;
+        to->profiles_refused = station->scan->refused;
+    }
+}
+
+static enum canopy_plc_query_status ask_height(void *context, const struct canopy_envelope *envelope, int32_t x,
+                                               int32_t y, int32_t *height) {
+    const struct canopy_station *station = context;
+    int32_t low, high;
+    if (x < 0 || y < 0 || canopy_envelope_height(envelope, (uint32_t)x, (uint32_t)y, &low, &high) != CANOPY_OK) {
+        return CANOPY_PLC_QUERY_OUTSIDE;
+    }
+    if (!canopy_envelope_covers(envelope, (uint32_t)x, (uint32_t)y)) {
+        return CANOPY_PLC_QUERY_UNCOVERED;
+    }
+    *height = envelope->frame.side == CANOPY_ABOVE ? high : low;
+    return station->intrusion ? CANOPY_PLC_QUERY_INTRUSION : CANOPY_PLC_QUERY_GOOD;
+}
+
+// ---- Scenes
+
+static void rest(struct canopy_station *station) {
+    station->stage = CANOPY_STATION_RESTING;
+    station->candidate = NULL;
+}
+
+static void forget(struct canopy_station *station) {
+    canopy_plc_withdraw(&station->plc);
+    station->points = 0;
+    station->published_points = 0;
+    station->risen = false;
+    station->intrusion = false;
+    station->beyond = false;
+    station->have_reading = false;
+    station->coverage_pct = 0;
+    clear_bits(station, station->risen_cells);
+    rest(station);
+}
+
+static enum canopy_plc_result run_command(void *context, enum canopy_plc_command_code code) {
+    struct canopy_station *station = context;
+    if (station->stage == CANOPY_STATION_WAITING) {
+        return CANOPY_PLC_RESULT_REFUSED;
+    }
+    switch (code) {
+    case CANOPY_PLC_COMMAND_REFIT:
+        station->risen = station->points > 0;
+        station->fit_us = 0;
+        return station->risen ? CANOPY_PLC_RESULT_DONE : CANOPY_PLC_RESULT_REFUSED;
+    case CANOPY_PLC_COMMAND_RESTART:
+        canopy_field_clear(&station->field);
+        forget(station);
+        return CANOPY_PLC_RESULT_DONE;
+    case CANOPY_PLC_COMMAND_WITHDRAW: canopy_plc_withdraw(&station->plc); return CANOPY_PLC_RESULT_DONE;
+    default: return CANOPY_PLC_RESULT_REFUSED;
+    }
+}
+
+enum canopy_status canopy_station_init(struct canopy_station *station, const struct canopy_station_config *config,
+                                       void *arena, size_t bytes, uint64_t now_us) {
+    const struct canopy_grid *grid = &config->grid;
+    const uint16_t m = grid->size[0], n = grid->size[1], q = grid->cells;
+    if (m < CANOPY_SIZE_MIN || n < CANOPY_SIZE_MIN || m > CANOPY_SIZE_MAX || n > CANOPY_SIZE_MAX || q < 1 ||
+        q > CANOPY_CELLS_MAX || config->lines < 1 || q % config->lines != 0) {
+        return CANOPY_ARGUMENT;
+    }
+    struct canopy_arena cut;
+    enum canopy_status status =
+        canopy_arena_open(&cut, arena, bytes, CANOPY_STATION_ARENA(m, n, q, config->lines, config->clients));
+    if (status != CANOPY_OK) {
+        return status;
+    }
+    *station = (struct canopy_station){.config = *config, .start_us = now_us, .now_us = now_us};
+    station->field_arena = canopy_arena_take(&cut, CANOPY_FIELD_ARENA(m, n, q, q));
+    station->risen_cells = canopy_arena_take(&cut, CANOPY_STATION_MARKS(m, n, q));
+    station->late_cells = canopy_arena_take(&cut, CANOPY_STATION_MARKS(m, n, q));
+    station->fast_arena = canopy_arena_take(&cut, CANOPY_FAST_ARENA(m, n, q, config->lines));
+    station->certify_arena = canopy_arena_take(&cut, CANOPY_CERTIFY_ARENA(n, q, q));
+    const struct canopy_plc_config plc = {
+        .size = {m, n},
+        .side = grid->side,
+        .scalar = CANOPY_FX,
+        .clients = config->clients,
+        .unit = config->unit,
+        .source = {station, show_live, show_counters, ask_height, run_command},
+    };
+    return canopy_plc_init(&station->plc, &plc, cut.next, cut.left);
+}
+
+enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame) {
+    const struct canopy_grid *grid = &station->config.grid;
+    if (frame->size[0] != grid->size[0] || frame->size[1] != grid->size[1] || frame->cells != grid->cells ||
+        frame->side != grid->side || frame->quantum_log2 != 0) {
+        return CANOPY_ARGUMENT;
+    }
+    const uint16_t cells[2] = {frame->cells, frame->cells};
+    enum canopy_status status = canopy_field_init(&station->field, frame, cells, station->field_arena,
+                                                  CANOPY_FIELD_ARENA(grid->size[0], grid->size[1], cells[0], cells[1]));
+    if (status == CANOPY_OK) {
+        status =
+            canopy_fast_init(&station->fast, &station->field, CANOPY_FX, station->config.lines, station->fast_arena,
+                             CANOPY_FAST_ARENA(grid->size[0], grid->size[1], cells[1], station->config.lines));
+    }
+    if (status == CANOPY_OK) {
+        status = canopy_certify_init(&station->certify, &station->field, station->certify_arena,
+                                     CANOPY_CERTIFY_ARENA(grid->size[1], cells[0], cells[1]));
+    }
+    if (status == CANOPY_OK) {
+        forget(station);
+    }
+    return status;
+}
+
+enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
+                                            const int32_t high[3]) {
+    struct canopy_frame frame;
+    const enum canopy_status status = canopy_frame_around_fx(&frame, &station->config.grid, low, high);
+    if (status != CANOPY_OK) {
+        return status;
+    }
+    const struct canopy_frame *old = &station->field.frame;
+    if (station->stage != CANOPY_STATION_WAITING && memcmp(old->origin, frame.origin, sizeof frame.origin) == 0 &&
+        memcmp(old->pitch, frame.pitch, sizeof frame.pitch) == 0 && old->lsb_log2 == frame.lsb_log2) {
+        return CANOPY_OK;
+    }
+    return canopy_station_begin(station, &frame);
+}
+
+// ---- Readings
+
+// Whether a reading whose cell is not what was certified may lie beyond the published envelope. What is not sure counts as beyond.
+static bool is_beyond(const struct canopy_station *station, const int32_t point[3], int32_t height) {
+    const struct canopy_envelope *envelope = canopy_plc_published(&station->plc);
+    if (envelope == NULL) {
+        return false;
+    }
+    const uint32_t u = (uint32_t)point[0] - (uint32_t)envelope->frame.origin[0];
+    const uint32_t v = (uint32_t)point[1] - (uint32_t)envelope->frame.origin[1];
+    int32_t low, high;
+    if (canopy_envelope_height(envelope, u, v, &low, &high) != CANOPY_OK) {
+        return true;
+    }
+    return envelope->frame.side == CANOPY_ABOVE ? height > low : height > -high;
+}
+
+// Remembers that a cell rose: since the last publication, and after the certificate had passed it.
+static void mark(struct canopy_station *station, uint32_t cell) {
+    (void)set_bit(station->risen_cells, cell);
+    if (station->stage == CANOPY_STATION_CERTIFYING || station->stage == CANOPY_STATION_SETTLING) {
+        station->late_count += set_bit(station->late_cells, cell);
+    }
+}
+
+static void intrude(struct canopy_station *station) {
+    station->intrusion = true;
+    station->intrusions++;
+}
+
+// z moved to the unsafe end of its uncertainty; what does not fit 32 bits then is beyond any frame anyway.
+static int32_t worst_height(const struct canopy_station *station, int32_t z, uint32_t uncertainty) {
+    const bool above = station->config.grid.side == CANOPY_ABOVE;
+    const int64_t worst = (int64_t)z + (above ? (int64_t)uncertainty : -(int64_t)uncertainty);
+    return worst > INT32_MAX ? INT32_MAX : worst < INT32_MIN ? INT32_MIN : (int32_t)worst;
+}
+
+enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
+                                          uint64_t now_us) {
+    station->now_us = now_us;
+    if (station->stage == CANOPY_STATION_WAITING) {
+        station->rejected++;
+        return CANOPY_EMPTY;
+    }
+    const int32_t worst[3] = {point[0], point[1], worst_height(station, point[2], uncertainty)};
+    struct canopy_field_hit hit;
+    const enum canopy_status status = canopy_field_insert_fx(&station->field, worst, &hit);
+    if (status != CANOPY_OK) {
+        station->rejected++;
+        if (status == CANOPY_RANGE) {
+            station->beyond = true;
+            intrude(station);
+        }
+        return status;
+    }
+    station->points++;
+    station->accepted++;
+    station->have_reading = true;
+    station->reading_us = now_us;
+    if (hit.raised) {
+        station->risen = true;
+        mark(station, hit.cell);
+    }
+    if (get_bit(station->risen_cells, hit.cell) && is_beyond(station, worst, hit.height)) {
+        intrude(station);
+    }
+    return CANOPY_OK;
+}
+
+bool canopy_station_profile(struct canopy_station *station, struct canopy_profile_driver *driver, uint16_t *column,
+                            uint16_t most, uint64_t now_us) {
+    const struct canopy_profile *profile = canopy_profile_get(driver);
+    if (profile == NULL) {
+        return false;
+    }
+    for (; most > 0 && *column < profile->columns; most--, (*column)++) {
+        struct canopy_reading reading;
+        if (canopy_profile_reading(driver, *column, &reading) && reading.valid) {
+            const int32_t point[3] = {reading.x, reading.y, reading.z};
+            (void)canopy_station_reading(station, point, reading.uncertainty, now_us);  // counted there
+        }
+    }
+    if (*column < profile->columns) {
+        return true;
+    }
+    *column = 0;
+    canopy_profile_done(driver);
+    return false;
+}
+
+// ---- The step
+
+// Drops the candidate. The last envelope stays; the next attempt waits for its interval.
+static void fail(struct canopy_station *station) {
+    station->fits_failed++;
+    station->risen = true;
+    rest(station);
+}
+
+static void begin_fit(struct canopy_station *station) {
+    struct canopy_envelope *next = canopy_plc_begin(&station->plc);
+    station->fit_us = station->now_us;
+    if (canopy_fast_begin(&station->fast, next->coefficients) != CANOPY_OK) {
+        return;  // an empty field: nothing to fit
+    }
+    station->candidate = next->coefficients;
+    station->risen = false;
+    station->stage = CANOPY_STATION_FITTING;
+}
+
+// Publishes the candidate, whose every covered cell is certified at this moment.
+static void publish(struct canopy_station *station) {
+    struct canopy_envelope *next = canopy_plc_begin(&station->plc);
+    const struct canopy_frame *frame = &station->field.frame;
+    canopy_fast_orient(frame, next->coefficients);
+    next->frame = *frame;
+    next->points = station->points;
+    next->margin = station->certify.margin;
+    const uint32_t covered = canopy_field_coverage(&station->field, next->coverage);
+    const uint32_t cells = (frame->size[0] - 1U) * (frame->size[1] - 1U);
+    if (canopy_plc_commit(&station->plc) != CANOPY_OK) {
+        fail(station);
+        return;
+    }
+    station->coverage_pct = (uint16_t)(100U * covered / cells);
+    station->published_points = station->points;
+    station->publish_us = station->now_us;
+    station->intrusion = station->beyond;
+    clear_bits(station, station->risen_cells);
+    rest(station);
+}
+
+// Nothing has risen since the last publication: the same envelope covers all readings there are.
+static void refresh(struct canopy_station *station) {
+    struct canopy_envelope *next = canopy_plc_begin(&station->plc);
+    const struct canopy_envelope *last = canopy_plc_published(&station->plc);
+    const size_t count = (size_t)last->frame.size[0] * last->frame.size[1];
+    next->frame = last->frame;
+    next->margin = last->margin;
+    next->points = station->points;
+    memcpy(next->coefficients, last->coefficients, 4 * count);
+    memcpy(next->coverage, last->coverage, CANOPY_COVERAGE_BYTES(last->frame.size[0], last->frame.size[1]));
+    if (canopy_plc_commit(&station->plc) == CANOPY_OK) {
+        station->published_points = station->points;
+        station->publish_us = station->now_us;
+    }
+}
+
+static void decide(struct canopy_station *station) {
+    if (station->risen && (station->intrusion || station->now_us - station->fit_us >= station->config.interval_us)) {
+        begin_fit(station);
+    } else if (!station->risen && station->points != station->published_points &&
+               canopy_plc_published(&station->plc) != NULL &&
+               station->now_us - station->publish_us >= station->config.refresh_us) {
+        refresh(station);
+    }
+}
+
+static void fit(struct canopy_station *station) {
+    if (canopy_fast_step(&station->fast, 1) != CANOPY_OK) {
+        return;
+    }
+    clear_bits(station, station->late_cells);
+    station->late_count = 0;
+    station->late_at = 0;
+    canopy_certify_begin(&station->certify, station->candidate);
+    station->stage = CANOPY_STATION_CERTIFYING;
+}
+
+// Raises the candidate under the cell that failed.
+static void mend(struct canopy_station *station) {
+    if (canopy_fast_raise(&station->field, station->candidate, station->certify.failed_cell,
+                          station->certify.missing) != CANOPY_OK) {
+        fail(station);
+    }
+}
+
+static void certify(struct canopy_station *station) {
+    switch (canopy_certify_step(&station->certify, 1)) {
+    case CANOPY_OK: station->stage = CANOPY_STATION_SETTLING; break;
+    case CANOPY_NOT_SAFE: mend(station); break;
+    default: break;
+    }
+}
+
+// The next late cell, from late_at on and around; there is one.
+static uint32_t next_late(struct canopy_station *station) {
+    const uint32_t cells = cell_count(station);
+    uint32_t cell = station->late_at;
+    while (!get_bit(station->late_cells, cell)) {
+        cell = cell + 1 < cells ? cell + 1 : 0;
+    }
+    station->late_at = cell;
+    return cell;
+}
+
+static void settle(struct canopy_station *station) {
+    if (station->late_count == 0) {
+        publish(station);
+        return;
+    }
+    const uint32_t cell = next_late(station);
+    if (canopy_certify_cell(&station->certify, cell) == CANOPY_OK) {
+        clear_bit(station->late_cells, cell);
+        station->late_count--;
+    } else {
+        mend(station);
+    }
+}
+
+void canopy_station_step(struct canopy_station *station, uint32_t budget, uint64_t now_us) {
+    station->now_us = now_us;
+    if (station->stage == CANOPY_STATION_RESTING) {
+        decide(station);
+    }
+    for (; budget > 0; budget--) {
+        switch (station->stage) {
+        case CANOPY_STATION_FITTING: fit(station); break;
+        case CANOPY_STATION_CERTIFYING: certify(station); break;
+        case CANOPY_STATION_SETTLING: settle(station); break;
+        default: budget = 1; break;  // waiting or resting: nothing more in this cycle
+        }
+    }
+    station->heartbeat++;
+}
+
+struct canopy_modbus_bank canopy_station_bank(struct canopy_station *station) {
+    return canopy_plc_bank(&station->plc);
+}

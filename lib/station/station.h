@@ -1,0 +1,128 @@
+/// The cyclic program: readings in, certified envelopes out, one bounded step at a time.
+///
+/// A station owns a field, a fit, a certificate and the PLC's registers. Readings enter the field as they come, also
+/// while a fit is under way; there is room for one field only. canopy_station_step() does a bounded piece of
+/// whatever is next: an iteration of a line, a row of the certificate, a cell that rose after it was certified.
+///
+/// What a published envelope means, in every interleaving of readings, steps and reads:
+///   - Its certificate covers exactly the first `points` readings accepted since the scene began: at the moment of
+///     publication every covered cell, at the height it has then, lies under the bound. Cells that rise behind the
+///     certificate's back are marked and certified again before it is published; a cell that the fit has missed is
+///     mended by raising the coefficients around it (canopy_fast_raise), and the next fit is tighter again.
+///   - A later reading that raises its cell, or falls into a cell that has risen since the publication, is compared with
+///     the published surface in the call that accepts it. If it is not surely on the safe side, status bit 0 is clear
+///     and the intrusion bit set before that call returns, until a publication covers it. A reading so far beyond the frame that no envelope can cover it keeps both so until the
+///     scene is begun anew. Readings beside the frame are counted as rejected and say nothing.
+///   - Readings that raise nothing are under the published envelope already: after `refresh_us` it is published again,
+///     unchanged, with its new `points`.
+///   - Stale is an age of more than stale_after_us since the last accepted reading. The last envelope stays readable.
+///
+/// All calls on one station come from one thread. Nothing blocks. Coordinates are fixed point: whole device units.
+#ifndef CANOPY_STATION_H
+#define CANOPY_STATION_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "lib/arena.h"
+#include "lib/cover/certify.h"
+#include "lib/cover/envelope.h"
+#include "lib/cover/fast.h"
+#include "lib/cover/field.h"
+#include "lib/plc/plc.h"
+#include "lib/scan/profile.h"
+#include "lib/status.h"
+
+struct canopy_station_config {
+    struct canopy_grid grid;
+    uint16_t lines;           ///< lines a knot interval of u (canopy_fast_init): 1, or more for tighter and slower
+    uint8_t clients;          ///< of the PLC side
+    float unit;               ///< of the scene: point = device units * unit
+    uint32_t stale_after_us;  ///< readings older than this make the envelope stale
+    uint32_t interval_us;     ///< from the beginning of one fit to the next, unless an intrusion is in haste
+    uint32_t refresh_us;      ///< until an unchanged envelope is published again with more points
+};
+
+/// What the port adds to the counters; the station only shows it.
+struct canopy_station_port {
+    uint32_t rx_frames, rx_errors, lost_bytes;  ///< of all PLC ports
+    uint32_t cycle_us, cycle_max_us;            ///< of the main loop
+};
+
+enum canopy_station_stage {
+    CANOPY_STATION_WAITING,     ///< no scene yet
+    CANOPY_STATION_RESTING,     ///< nothing to fit
+    CANOPY_STATION_FITTING,     ///< lines and columns
+    CANOPY_STATION_CERTIFYING,  ///< rows of cells
+    CANOPY_STATION_SETTLING     ///< cells that rose since their row was certified
+};
+
+/// Bytes of arena. `cells` is Q.
+#define CANOPY_STATION_ARENA(m, n, cells, lines, clients)                                                              \
+    (CANOPY_FIELD_ARENA(m, n, cells, cells) + 2U * CANOPY_STATION_MARKS(m, n, cells) +                                 \
+     CANOPY_FAST_ARENA(m, n, cells, lines) + CANOPY_CERTIFY_ARENA(n, cells, cells) + CANOPY_PLC_ARENA(m, n, clients))
+#define CANOPY_STATION_MARKS(m, n, cells)                                                                              \
+    CANOPY_ARENA_ROUND(((size_t)(cells) * (cells) * ((size_t)(m)-1U) * ((size_t)(n)-1U) + 7U) / 8U)
+
+/// All members are the station's own, but `port`, `scan` and `sensor_faults`.
+struct canopy_station {
+    struct canopy_station_config config;
+    struct canopy_plc plc;
+    struct canopy_field field;
+    struct canopy_fast fast;
+    struct canopy_certify certify;
+    uint8_t *marks;  // one bit a cell that rose since its row was certified
+    uint32_t mark_count;
+    uint32_t mark_at;  // where settling goes on to look
+    void *field_arena, *fast_arena, *certify_arena;
+    int32_t *candidate;  // coefficients being fitted and certified, in a slot of the PLC's
+    uint32_t points;     ///< readings accepted since the scene began
+    uint32_t published_points;
+    uint64_t start_us, now_us, reading_us, fit_us, publish_us;
+    uint8_t stage;  ///< enum canopy_station_stage
+    uint16_t heartbeat;
+    uint16_t coverage_pct;
+    bool have_reading;
+    bool risen;      // the field rose since the last fit began
+    bool intrusion;  // a reading lies beyond the published envelope …
+    bool beyond;     // … and beyond what any envelope of this frame can cover
+    uint32_t accepted, rejected, intrusions, fits_failed;
+
+    struct canopy_station_port port;             ///< set by the port, any time
+    const struct canopy_profile_counters *scan;  ///< the scanner driver's, or NULL
+    uint32_t scan_errors;                        ///< set with it
+    uint16_t sensor_faults;                      ///< one bit a sensor: silent, stale or refused
+};
+
+/// Makes a station that waits for a scene. `arena`: CANOPY_STATION_ARENA bytes, aligned to 8, the station's as long as
+/// it is used. CANOPY_ARGUMENT, CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN.
+enum canopy_status canopy_station_init(struct canopy_station *station, const struct canopy_station_config *config,
+                                       void *arena, size_t bytes, uint64_t now_us);
+
+/// Begins a scene: withdraws what is published, forgets all readings, takes the frame. Its size, cells and side must be
+/// the configuration's (else CANOPY_ARGUMENT, nothing changed).
+enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame);
+
+/// Begins a scene in the smallest frame that holds what the scanner says of it; does nothing where that is the
+/// frame already.
+enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
+                                            const int32_t high[3]);
+
+/// Takes one valid reading: device units; the true height is within z +- uncertainty. CANOPY_OK: accepted.
+/// CANOPY_OUT_OF_FRAME: rejected, beside the frame; CANOPY_RANGE: rejected, and an intrusion; CANOPY_EMPTY: no scene yet.
+enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
+                                          uint64_t now_us);
+
+/// Takes up to `most` columns of the driver's complete profile, from column *column on, which it advances; gives the
+/// profile back behind its last column. True while columns are left.
+bool canopy_station_profile(struct canopy_station *station, struct canopy_profile_driver *driver, uint16_t *column,
+                            uint16_t most, uint64_t now_us);
+
+/// One cycle: at most `budget` units of work, each an iteration of a line, a row of cells, or a risen cell.
+void canopy_station_step(struct canopy_station *station, uint32_t budget, uint64_t now_us);
+
+/// The registers, for Modbus servers.
+struct canopy_modbus_bank canopy_station_bank(struct canopy_station *station);
+
+#endif
