@@ -72,9 +72,10 @@ struct canopy_station {
     struct canopy_field field;
     struct canopy_fast fast;
     struct canopy_certify certify;
-    uint8_t *marks;  // one bit a cell that rose since its row was certified
-    uint32_t mark_count;
-    uint32_t mark_at;  // where settling goes on to look
+    uint8_t *risen_cells;  // one bit a cell that rose since the last publication
+    uint8_t *late_cells;   // one bit a cell that rose since its row of the candidate was certified
+    uint32_t late_count;
+    uint32_t late_at;  // where settling goes on to look
     void *field_arena, *fast_arena, *certify_arena;
     int32_t *candidate;  // coefficients being fitted and certified, in a slot of the PLC's
     uint32_t points;     ///< readings accepted since the scene began
