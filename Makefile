@@ -185,7 +185,7 @@ firmware: $(FIRMWARE)  ## images for BOARD (default mps2_an385): build/<board>/*
 size: $(FIRMWARE)  ## flash and RAM of the images, by section and by object, against the board's budgets
 	@$(PYTHON) tools/size.py $(BOARD_BUDGETS:%=--budget %) $(FW_STATIONS:.elf=.map) $(if $(V),$(FW_OTHERS:.elf=.map))
 stack: $(FW_STATIONS)  ## worst-case stack of the station's images, from the call graph
-	@$(PYTHON) tools/stack.py --calls tools/calls.txt --objects $(FW)/obj $(FW_STATIONS)
+	@$(PYTHON) tools/stack.py --calls tools/calls.txt $(FW_STATIONS)
 else
 .PHONY: firmware size stack
 firmware size stack:

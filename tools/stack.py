@@ -1,0 +1,262 @@
+#!/usr/bin/python3
+"""Worst-case stack of firmware images, from the compiler's call graph.
+
+Usage: tools/stack.py --calls tools/calls.txt [--json FILE] IMAGE.elf...
+
+Frames and calls come from the .ci files that GCC leaves beside the objects (-fcallgraph-info=su); which objects are in an
+image says the linker's map beside it. Functions without one (the C library's, assembly) are read from the disassembly. Calls through pointers are resolved by the table of
+--calls; one that the table does not know is an error, and so are recursion and frames of unknown size. From reset the
+deepest path is followed; on top of it come one interrupt (all have one priority, so they do not nest) and the fault or
+watchdog exception, each with what the processor pushes. The exit status is 1 when a stack does not fit the linker's.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+EXCEPTION_BYTES = 36  # eight words and one to align
+TOOLS = "arm-none-eabi-"
+
+
+class Problem(Exception):
+    """Something that makes the sum meaningless: shown to the user as it is."""
+
+
+class Graph:
+    """frames: {title: bytes}; edges: {title: set of titles}; pointers: {title: set of source places}."""
+
+    def __init__(self, image):
+        self.frames, self.edges, self.pointers, self.problems = {}, {}, {}, []
+        for path in linked_objects(image.with_suffix(".map")):
+            self.read(path.with_suffix(".ci").read_text())
+
+    def read(self, text):
+        for title, label, outside in re.findall(r'^node: \{ title: "(.*?)" label: "(.*?)"( shape : ellipse)? \}', text, re.M):
+            if outside:
+                continue
+            size = re.search(r"(\d+) bytes \((\w+(?:,\w+)?)\)", label)
+            if not size:
+                continue
+            self.frames[title] = int(size.group(1))
+            if size.group(2) not in ("static", "dynamic,bounded"):
+                self.problems.append(f"{title}: frame of unknown size ({size.group(2)})")
+        for source, target, place in re.findall(
+                r'^edge: \{ sourcename: "(.*?)" targetname: "(.*?)"(?: label: "(.*?)")? \}', text, re.M):
+            if target == "__indirect_call":
+                self.pointers.setdefault(source, set()).add(place)
+            else:
+                self.edges.setdefault(source, set()).add(target)
+
+
+def linked_objects(link_map):
+    """The objects that the linker read for an image; of its archives, which are thin, the objects that it took."""
+    text = link_map.read_text(errors="replace")
+    paths = {Path(name) for name in re.findall(r"^LOAD (\S+\.o)$", text, re.M)}
+    for archive, member in re.findall(r"(\S+/libcanopy\.a)\((\S+\.o)\)", text):
+        paths.add(Path(member) if Path(member).exists() else Path(archive).parent / member)
+    return sorted(path for path in paths if path.with_suffix(".ci").exists())
+
+
+class Table:
+    """tools/calls.txt: what a call through a pointer may reach."""
+
+    def __init__(self, path):
+        self.calls, self.asm, self.used = [], {}, set()
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            words = line.split("#")[0].split()
+            if not words:
+                continue
+            if len(words) >= 3 and words[0] == "call" and words[2] == "->":
+                where, _, name = words[1].rpartition(":")
+                self.calls.append((where, name, words[3:]))
+            elif len(words) >= 4 and words[0] == "asm" and words[2] == "->":
+                self.asm[words[1]] = words[3:]
+            else:
+                raise Problem(f"{path}:{number}: not 'call [file:]name -> function...' or 'asm function -> function...'")
+
+    def targets(self, place):
+        """Functions that the call at file:line:column may reach."""
+        file, line, column = place.rsplit(":", 2)
+        name = called_name(Path(file), int(line), int(column))
+        file = file.removeprefix("./")
+        for where, callback, targets in self.calls:
+            if callback == name and where in ("", file):
+                return targets
+        raise Problem(f"{file}:{line}: call through '{name}': tools/calls.txt does not say what it reaches")
+
+
+@lru_cache(None)
+def source_lines(path):
+    return path.read_text().splitlines()
+
+
+def called_name(path, line, column):
+    """The last name before the parenthesis of the call that GCC places at line:column."""
+    text = "\n".join(source_lines(path)[line - 1:line + 2])
+    names = [(match.start(1), match.group(1)) for match in re.finditer(r"([A-Za-z_]\w*)\s*\]?\)?\(", text)
+             if match.end() >= column]
+    if not names:
+        raise Problem(f"{path}:{line}:{column}: no call found there")
+    return names[0][1]
+
+
+class Image:
+    """Symbols and disassembly of a linked image."""
+
+    def __init__(self, path):
+        self.path = path
+        self.symbols, self.by_address = {}, {}
+        for row in self.run("nm", str(path)).splitlines():
+            words = row.split()
+            if len(words) == 3:
+                self.symbols.setdefault(words[2], int(words[0], 16))
+                if words[1] in "tTwW":
+                    self.by_address.setdefault(int(words[0], 16) & ~1, set()).add(words[2])
+
+    @staticmethod
+    def run(tool, *arguments):
+        return subprocess.run([TOOLS + tool, *arguments], check=True, capture_output=True, text=True).stdout
+
+    def vectors(self):
+        """Names of the handlers in the vector table, without reset: (exceptions, interrupts)."""
+        dump = self.run("objdump", "-s", "-j", ".text", f"--start-address={self.symbols['vectors']:#x}",
+                        f"--stop-address={self.symbols['vectors'] + 4 * 48:#x}", str(self.path))
+        words = []
+        for row in dump.splitlines():
+            found = re.match(r"^ [0-9a-f]+((?: [0-9a-f]{8}){1,4})", row)
+            if found:
+                words += [int.from_bytes(bytes.fromhex(word), "little") for word in found.group(1).split()]
+        names = [sorted(self.by_address.get(word & ~1, {"?"})) for word in words]
+        return {n for group in names[2:15] for n in group[:1]}, {n for group in names[15:] for n in group[:1]}
+
+    @lru_cache(None)
+    def disassembled(self):
+        """{name: (frame bytes, called names)} for every function, from its instructions."""
+        functions, name = {}, None
+        for row in self.run("objdump", "-d", "--no-show-raw-insn", str(self.path)).splitlines():
+            start = re.match(r"^[0-9a-f]+ <(\S+)>:$", row)
+            if start:
+                name = start.group(1)
+                functions[name] = [0, set()]
+            elif name:
+                self.take(functions[name], name, row)
+        return functions
+
+    @staticmethod
+    def take(function, name, row):
+        push = re.search(r"\t(?:push|stmdb\s+sp!,|push\.w)\s*\{(.*?)\}", row)
+        if push:
+            function[0] += 4 * sum(registers(part) for part in push.group(1).split(","))
+        for pattern in (r"\tsub(?:\.w|w)?\tsp, (?:sp, )?#(\d+)", r"\tstr(?:d)?(?:\.w)?\t.*\[sp, #-(\d+)\]!"):
+            found = re.search(pattern, row)
+            if found:
+                function[0] += int(found.group(1))
+        jump = re.search(r"\t(?:blx?|b(?:eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?)(?:\.[nw])?\t[0-9a-f]+ <([^>+]+)>", row)
+        if jump and jump.group(1) != name:
+            function[1].add(jump.group(1))
+
+
+def registers(part):
+    part = part.strip()
+    if "-" in part:
+        low, high = (int(name.strip().lstrip("r")) for name in part.split("-"))
+        return high - low + 1
+    return 1
+
+
+class Stack:
+    """The deepest path from any function of one image."""
+
+    def __init__(self, image, graph, table):
+        self.image, self.graph, self.table, self.known, self.active = image, graph, table, {}, []
+        self.short = {}
+        for title in graph.frames:
+            self.short.setdefault(title.split(":")[-1], []).append(title)
+
+    def resolve(self, name):
+        """A title from a name in the table or in the image."""
+        if name in self.graph.frames:
+            return name
+        titles = [title for title in self.short.get(name, [])]
+        if len(titles) > 1:
+            raise Problem(f"'{name}' is more than one function: name it as file:{name}, one of {', '.join(titles)}")
+        return titles[0] if titles else name
+
+    def frame_and_calls(self, title):
+        if title not in self.graph.frames:
+            found = self.image.disassembled().get(title.split(":")[-1])
+            if found is None:
+                raise Problem(f"{title}: neither in the call graph nor in the image")
+            return found[0], {self.resolve(name) for name in found[1]}
+        calls = set(self.graph.edges.get(title, ()))
+        for place in self.graph.pointers.get(title, ()):
+            calls |= {self.resolve(name) for name in self.table.targets(place)}
+        return self.graph.frames[title], calls | {self.resolve(name) for name in self.table.asm.get(title, ())}
+
+    def is_linked(self, title):
+        """Targets of the table that are not in this image cannot be reached. Inlined ones have no symbol and no caller."""
+        return title.split(":")[-1] in self.image.symbols
+
+    def deepest(self, title):
+        """(bytes, path) of the deepest chain of calls from a function, its own frame included."""
+        if title in self.known:
+            return self.known[title]
+        if title in self.active:
+            loop = self.active[self.active.index(title):] + [title]
+            raise Problem("recursion: " + " -> ".join(name.split(":")[-1] for name in loop))
+        self.active.append(title)
+        frame, calls = self.frame_and_calls(title)
+        below = max((self.deepest(call) for call in sorted(calls) if self.is_linked(call)), default=(0, []),
+                    key=lambda found: found[0])
+        self.active.pop()
+        self.known[title] = (frame + below[0], [(title, frame)] + below[1])
+        return self.known[title]
+
+
+def report(path, table):
+    image, graph = Image(path), Graph(path)
+    if graph.problems:
+        raise Problem("\n".join(graph.problems))
+    stack = Stack(image, graph, table)
+    exceptions, interrupts = image.vectors()
+    parts = [("program", 0, stack.deepest(stack.resolve("canopy_reset")))]
+    for label, names in (("interrupt", interrupts), ("fault or watchdog", exceptions)):
+        found = [stack.deepest(stack.resolve(name)) for name in sorted(names - {"?"})]
+        if found:
+            parts.append((label, EXCEPTION_BYTES, max(found, key=lambda item: item[0])))
+    worst = sum(pushed + found[0] for _, pushed, found in parts)
+    room = image.symbols["canopy_stack_size"]
+    print(f"{path.stem}: worst-case stack {worst} of {room} bytes, {room - worst} to spare")
+    for label, pushed, (size, chain) in parts:
+        print(f"  {label}: {pushed + size}" + (f" ({pushed} of it pushed by the processor)" if pushed else ""))
+        for title, frame in chain:
+            print(f"    {frame:6} {title.split(':')[-1]}")
+    return {"worst": worst, "size": room, "parts": {label: pushed + found[0] for label, pushed, found in parts}}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--calls", type=Path, required=True, help="the table of calls through pointers")
+    parser.add_argument("--json", type=Path, help="write the sums there too")
+    parser.add_argument("images", nargs="*", type=Path)
+    arguments = parser.parse_args()
+    try:
+        table = Table(arguments.calls)
+        results = {path.stem: report(path, table) for path in arguments.images}
+    except Problem as problem:
+        print(f"stack: {problem}", file=sys.stderr)
+        return 1
+    if arguments.json:
+        arguments.json.write_text(json.dumps(results, indent=1) + "\n")
+    small = [name for name, result in results.items() if result["worst"] > result["size"]]
+    for name in small:
+        print(f"stack: {name} needs {results[name]['worst']} bytes and has {results[name]['size']}", file=sys.stderr)
+    return 1 if small else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
