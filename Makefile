@@ -122,9 +122,11 @@ $(1)/unit_%: $(1)/obj/hosttest/unit/test_%.o $(1)/obj/hosttest/unit/$(5).o $(1)/
 $(1)/test_%: $(1)/obj/hosttest/test_%.o $(1)/libtools.a $(1)/libport.a $(1)/libcanopy.a
 	$$(Q)$(2) $(3) $(4) $$^ -lcmocka $(HOST_LIBS) -o $$@
 endef
-$(eval $(call variant,$(TEST)/gcc64,gcc,$(SANITIZE),$(WARN_GCC),run_cmocka,-lcmocka))
+# GCC's instrumentation hides from its own conversion warnings that a shifted byte is small; the other builds have them.
+WARN_SANITIZED := $(WARN_GCC) -Wno-conversion -Wno-sign-conversion
+$(eval $(call variant,$(TEST)/gcc64,gcc,$(SANITIZE),$(WARN_SANITIZED),run_cmocka,-lcmocka))
 $(eval $(call variant,$(TEST)/clang64,clang,$(SANITIZE),$(WARN_CLANG),run_cmocka,-lcmocka))
-$(eval $(call variant,$(TEST)/gcc32,gcc,$(SANITIZE),-m32 $(SSE) $(WARN_GCC),run_plain,))
+$(eval $(call variant,$(TEST)/gcc32,gcc,$(SANITIZE),-m32 $(SSE) $(WARN_SANITIZED),run_plain,))
 $(eval $(call variant,$(TEST)/clang32,clang,$(SANITIZE),-m32 $(SSE) $(WARN_CLANG),run_plain,))
 TEST_PROGRAMS := $(foreach v,gcc64 clang64,$(addprefix $(TEST)/$(v)/,$(UNIT_NAMES) $(HOSTTEST_NAMES))) \
     $(foreach v,gcc32 clang32,$(addprefix $(TEST)/$(v)/,$(UNIT_NAMES)))
