@@ -8,7 +8,8 @@
 static inline _Noreturn void canopy_semihosting_exit(bool success) {
     // SYS_EXIT with ADP_Stopped_ApplicationExit, or ADP_Stopped_RunTimeErrorUnknown
     register uint32_t operation __asm("r0") = 0x18;
-    register uint32_t reason __asm("r1") = success ? 0x20026 : 0x20023;
+    const uint32_t how = success ? 0x20026 : 0x20023;
+    register uint32_t reason __asm("r1") = how;
     for (;;)
         __asm volatile("bkpt 0xab" ::"r"(operation), "r"(reason) : "memory");
 }
