@@ -1,0 +1,220 @@
+// What the work costs on the chip, in instructions: run by hosttest/bench_firmware.py.
+//
+// Two scenes are made on the device, 400 columns x 344 profiles, 20 x 20 coefficients, Q = 4, side above:
+//   hills    value noise of six octaves, as rough as a terrain (the smallest waves are shorter than a field cell)
+//   boxes    parts with vertical walls on a plane, some columns without a reading
+// `feed` is canopy_field_feed_fx alone, in batches; `reading` the whole way of a reading through the station. `fit` is
+// canopy_fast from begin to done with lines at the integers, `certify` the certificate, `refit` both as the station
+// does them, up to the publication. A request is what the RTU server does from the first byte to the whole reply.
+#include <string.h>
+
+#include "port/cortexm/count.h"
+#include "board.h"  // of BOARD
+#include "hosttest/firmware/print.h"
+#include "lib/modbus/crc.h"
+#include "lib/modbus/rtu.h"
+#include "lib/station/station.h"
+#include "port/cortexm/semihosting.h"
+
+#define M 20
+#define N 20
+#define CELLS 4
+#define LINES 1
+#define COLUMNS 400
+#define PROFILES 344
+#define STEP 30
+#define BATCH 200
+
+static CANOPY_ARENA_DECLARE(arena, CANOPY_STATION_ARENA(M, N, CELLS, LINES, 1));
+static struct canopy_station station;
+static int32_t points[BATCH][3];
+
+// ---- Scenes
+
+static uint32_t hash(uint32_t x, uint32_t y) {
+    uint32_t h = x * 0x9E3779B1u ^ y * 0x85EBCA77u;
+    h = (h ^ h >> 15) * 0x2C1B3C6Du;
+    h = (h ^ h >> 12) * 0x297A2D39u;
+    return h ^ h >> 15;
+}
+
+// Values of 0 to 65535 on a lattice of 2^log2 columns, bilinear between.
+static int32_t noise(uint32_t x, uint32_t y, unsigned log2) {
+    const uint32_t i = x >> log2, j = y >> log2, size = 1u << log2;
+    const uint32_t s = x & (size - 1), t = y & (size - 1);
+    const uint32_t low = (hash(i, j) & 0xFFFF) * (size - s) + (hash(i + 1, j) & 0xFFFF) * s;
+    const uint32_t high = (hash(i, j + 1) & 0xFFFF) * (size - s) + (hash(i + 1, j + 1) & 0xFFFF) * s;
+    return (int32_t)(((uint64_t)low * (size - t) + (uint64_t)high * t) >> (2 * log2));
+}
+
+static int32_t hills(uint32_t x, uint32_t y) {
+    int32_t height = 0;
+    for (unsigned octave = 0; octave < 6; octave++)
+        height += noise(x, y, 7 - octave) >> octave;
+    return height / 16;
+}
+
+static int32_t boxes(uint32_t x, uint32_t y) {
+    const uint32_t part = hash(x / 57, y / 61);
+    const bool inside = x % 57 > 10 && y % 61 > 12 && (part & 3) != 0;
+    return (inside ? 1000 + (int32_t)(part >> 8 & 0x7FF) : 0) + (int32_t)(hash(x, y) & 15);
+}
+
+struct scene {
+    const char *name;
+    int32_t (*height)(uint32_t x, uint32_t y);
+};
+
+static const struct scene scenes[] = {{"hills", hills}, {"boxes", boxes}};
+
+static void make_batch(const struct scene *scene, uint32_t profile, uint32_t column) {
+    for (uint32_t i = 0; i < BATCH; i++) {
+        points[i][0] = (int32_t)(column + i) * STEP;
+        points[i][1] = (int32_t)profile * STEP;
+        points[i][2] = scene->height(column + i, profile);
+    }
+}
+
+// ---- Results
+
+static void result(const struct scene *scene, const char *name, uint64_t value) {
+    print_text(scene->name);
+    print_text("_");
+    print_result(name, (int64_t)value);
+}
+
+static void fail(const char *what) {
+    print_text(what);
+    print_text("\n");
+    canopy_semihosting_exit(false);
+}
+
+// ---- Measurements
+
+// All points through `take`; returns instructions a point, times 100.
+static uint64_t sweep(const struct scene *scene, void (*take)(void)) {
+    uint64_t sum = 0;
+    for (uint32_t profile = 0; profile < PROFILES; profile++) {
+        for (uint32_t column = 0; column < COLUMNS; column += BATCH) {
+            make_batch(scene, profile, column);
+            const uint64_t start = canopy_instructions();
+            take();
+            sum += canopy_instructions() - start;
+        }
+    }
+    return 100 * sum / (COLUMNS * PROFILES);
+}
+
+static void take_feed(void) {
+    if (canopy_field_feed_fx(&station.field, points, BATCH) != 0)
+        fail("a point was refused");
+}
+
+static void take_reading(void) {
+    for (uint32_t i = 0; i < BATCH; i++)
+        if (canopy_station_reading(&station, points[i], 0, 0) != CANOPY_OK)
+            fail("a reading was refused");
+}
+
+static void measure_fit(const struct scene *scene) {
+    int32_t *coefficients = canopy_plc_begin(&station.plc)->coefficients;
+    uint64_t most = 0, start = canopy_instructions();
+    const uint64_t begin = start;
+    if (canopy_fast_begin(&station.fast, coefficients) != CANOPY_OK)
+        fail("no fit");
+    enum canopy_status status;
+    do {
+        const uint64_t before = canopy_instructions();
+        status = canopy_fast_step(&station.fast, 1);
+        const uint64_t one = canopy_instructions() - before;
+        most = one > most ? one : most;
+    } while (status == CANOPY_MORE);
+    const uint64_t fit = canopy_instructions() - begin;
+    result(scene, "fit", fit);
+    result(scene, "fit_solves", station.fast.solves);
+    result(scene, "fit_unsettled", station.fast.unsettled);
+    result(scene, "fit_longest_step", most);
+    start = canopy_instructions();
+    canopy_certify_begin(&station.certify, coefficients);
+    while ((status = canopy_certify_step(&station.certify, 1)) == CANOPY_MORE)
+        ;
+    const uint64_t certify = canopy_instructions() - start;
+    result(scene, "certify", certify);
+    result(scene, "fit_and_certify", fit + certify);
+    if (status != CANOPY_OK)
+        fail("the fit of a field at rest must be certified at once");
+}
+
+// The station's own way, from the decision to the publication, one unit of work a step.
+static void measure_refit(const struct scene *scene) {
+    uint64_t most = 0;
+    const uint64_t start = canopy_instructions();
+    uint32_t steps = 0;
+    while (canopy_plc_published(&station.plc) == NULL && steps++ < 100000) {
+        const uint64_t before = canopy_instructions();
+        canopy_station_step(&station, 1, 1000);
+        const uint64_t one = canopy_instructions() - before;
+        most = one > most ? one : most;
+    }
+    result(scene, "refit", canopy_instructions() - start);
+    result(scene, "refit_steps", steps);
+    result(scene, "refit_longest_step", most);
+    if (canopy_plc_published(&station.plc) == NULL || station.published_points != COLUMNS * PROFILES)
+        fail("nothing was published");
+}
+
+static void measure_scene(const struct scene *scene) {
+    const struct canopy_station_config config = {
+        .grid = {.size = {M, N}, .cells = CELLS, .side = CANOPY_ABOVE},
+        .lines = LINES,
+        .clients = 1,
+        .unit = 1.0F,
+        .stale_after_us = 1000000,
+        .interval_us = 0,
+        .refresh_us = 0,
+    };
+    const int32_t low[3] = {0, 0, 0}, high[3] = {STEP * (COLUMNS - 1), STEP * (PROFILES - 1), 8192};
+    if (canopy_station_init(&station, &config, arena, sizeof arena, 0) != CANOPY_OK ||
+        canopy_station_begin_box(&station, low, high) != CANOPY_OK)
+        fail("no station");
+    result(scene, "feed_x100", sweep(scene, take_feed));
+    measure_fit(scene);
+    const struct canopy_frame frame = station.field.frame;
+    if (canopy_station_begin(&station, &frame) != CANOPY_OK)
+        fail("no scene");
+    result(scene, "reading_x100", sweep(scene, take_reading));
+    measure_refit(scene);
+    // Again, with an envelope published and nothing new: what most readings of a standing scene cost.
+    result(scene, "reading_again_x100", sweep(scene, take_reading));
+}
+
+static void measure_request(const char *name, const uint8_t *body, size_t length) {
+    static struct canopy_modbus_rtu_server server;
+    static struct canopy_modbus_bank bank;
+    bank = canopy_station_bank(&station);
+    const struct canopy_modbus_rtu_server_config config = {.bank = &bank, .unit = 1, .baud = 115200};
+    if (canopy_modbus_rtu_server_init(&server, &config) != CANOPY_OK)
+        fail("no server");
+    uint8_t frame[32];
+    memcpy(frame, body, length);
+    length = canopy_modbus_crc_append(frame, length);
+    const uint8_t *reply;
+    const uint64_t start = canopy_instructions();
+    canopy_modbus_rtu_server_feed(&server, frame, length, 1000000);
+    if (canopy_modbus_rtu_server_poll(&server, 1010000, &reply) == 0)
+        fail("no answer");
+    print_result(name, (int64_t)(canopy_instructions() - start));
+}
+
+int main(void) {
+    (void)board_start(115200, 115200);
+    for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++)
+        measure_scene(&scenes[i]);
+    measure_request("request_status", (const uint8_t[]){1, 3, 0, 100, 0, 8}, 6);
+    measure_request("request_envelope", (const uint8_t[]){1, 3, 0, 120, 0, 44}, 6);
+    measure_request("request_block", (const uint8_t[]){1, 3, 0x27, 0x10, 0, 124}, 6);
+    // Writes query_x and query_y, reads the answer: evaluates the surface.
+    const uint8_t query[] = {1, 23, 0, 184, 0, 5, 0, 180, 0, 4, 8, 0, 0, 0x10, 0, 0, 0, 0x10, 0};
+    measure_request("request_query", query, sizeof query);
+    canopy_semihosting_exit(true);
+}
