@@ -1,0 +1,461 @@
+// The generated registers.json is what the C code serves: every register by name, every address, every length; and
+// a write changes what it says or nothing at all.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+#include <jansson.h>
+
+#include "canopy_registers.h"
+#include "lib/plc/plc.h"
+#include "lib/version.h"
+
+enum { M = 20, N = 19, CLIENTS = 3, ADDRESSES = 65536 };
+
+static struct canopy_plc plc;
+static CANOPY_ARENA_DECLARE(arena, CANOPY_PLC_ARENA(M, N, CLIENTS));
+static int commands;
+
+static int32_t coefficient(uint32_t index) { return (int32_t)(index * 2654435761U); }
+static bool covered(uint32_t cell) { return cell % 3 != 1; }
+
+// ---------------------------------------------------------------------------------------------------------------------
+// A station whose every value is different
+
+static void live(void *context, struct canopy_plc_live *to) {
+    (void)context;
+    *to = (struct canopy_plc_live){.age_ms = 0x11223344,
+                                   .stale_after_ms = 0x22334455,
+                                   .heartbeat = 0x1001,
+                                   .status = CANOPY_PLC_VALID | CANOPY_PLC_STALE,
+                                   .sensor_faults = 0x1003,
+                                   .coverage_pct = 66};
+}
+
+static void counters(void *context, struct canopy_plc_counters *to) {
+    (void)context;
+    uint32_t value = 0x10001;
+    uint32_t *const each[] = {&to->rx_frames,       &to->rx_errors,        &to->scan_errors,    &to->points_rejected,
+                              &to->points_accepted, &to->readings_invalid, &to->profiles,       &to->profiles_missed,
+                              &to->profiles_torn,   &to->profiles_short,   &to->profiles_stale, &to->profiles_refused,
+                              &to->intrusions,      &to->publications,     &to->withdrawals,    &to->fits_failed,
+                              &to->commands,        &to->lost_bytes,       &to->uptime_s,       &to->cycle_us,
+                              &to->cycle_max_us};
+    for (size_t i = 0; i < sizeof each / sizeof each[0]; i++)
+        *each[i] = value++;
+}
+
+static enum canopy_plc_query_status height(void *context, const struct canopy_envelope *envelope, int32_t x, int32_t y,
+                                           int32_t *to) {
+    (void)context;
+    (void)envelope;
+    *to = x - y;
+    return CANOPY_PLC_QUERY_GOOD;
+}
+
+static enum canopy_plc_result command(void *context, enum canopy_plc_command_code code) {
+    (void)context;
+    (void)code;
+    commands++;
+    return CANOPY_PLC_RESULT_REFUSED;
+}
+
+static void start(void) {
+    const struct canopy_plc_config config = {
+        .size = {M, N},
+        .side = CANOPY_BELOW,
+        .scalar = CANOPY_FX,
+        .clients = CLIENTS,
+        .unit = 0.001f,
+        .source = {.live = live, .counters = counters, .height = height, .command = command},
+    };
+    assert_int_equal(canopy_plc_init(&plc, &config, arena, sizeof arena), CANOPY_OK);
+    for (int i = 0; i < 2; i++) {
+        struct canopy_envelope *to = canopy_plc_begin(&plc);
+        to->frame = (struct canopy_frame){.origin = {-101, 102, -103},
+                                          .pitch = {104, 0x80000105},
+                                          .size = {M, N},
+                                          .cells = 4,
+                                          .lsb_log2 = -2,
+                                          .side = CANOPY_BELOW,
+                                          .axis = {{201, -202, 203}, {-204, 205, -206}, {207, -208, 209}}};
+        to->points = 0x7000001;
+        to->margin = 0x12345;
+        for (uint32_t k = 0; k < M * N; k++)
+            to->coefficients[k] = coefficient(k);
+        memset(to->coverage, 0, CANOPY_COVERAGE_BYTES(M, N));
+        for (uint32_t k = 0; k < (M - 1) * (N - 1); k++)
+            if (covered(k))
+                to->coverage[k / 8] |= (uint8_t)(1U << (k % 8));
+        assert_int_equal(canopy_plc_commit(&plc), CANOPY_OK);
+    }
+    const uint8_t query[8] = {0, 0, 1, 44, 0xFF, 0xFF, 0xFF, 0xF6};  // 300, -10
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_QUERY_X, 4, query, 16), 0);
+    const uint8_t refit[2] = {0x05, CANOPY_PLC_COMMAND_REFIT};
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_COMMAND, 1, refit, 6), 0);
+}
+
+// What each register but the series must show, by name.
+static const struct {
+    const char *name, *text;
+    double value;
+} expected[] = {
+    {"magic", NULL, 0x434E5059},
+    {"probe_u32", NULL, 0x12345678},
+    {"probe_f32", NULL, 1.0},
+    {"map_crc", NULL, CANOPY_MAP_CRC},
+    {"firmware_version", NULL, CANOPY_VERSION_MAJOR * 65536 + CANOPY_VERSION_MINOR * 256 + CANOPY_VERSION_PATCH},
+    {"map_version", NULL, CANOPY_MAP_VERSION},
+    {"clients", NULL, CLIENTS},
+    {"capacity", NULL, M *N},
+    {"vendor", CANOPY_VENDOR, 0},
+    {"product", CANOPY_PRODUCT, 0},
+    {"revision", CANOPY_VERSION, 0},
+    {"heartbeat", NULL, 0x1001},
+    {"status", NULL, 5},
+    {"age_ms", NULL, 0x11223344},
+    {"sensor_faults", NULL, 0x1003},
+    {"coverage_pct", NULL, 66},
+    {"stale_after_ms", NULL, 0x22334455},
+    {"sequence", NULL, 2},
+    {"points", NULL, 0x7000001},
+    {"scalar", NULL, 1},
+    {"side", NULL, 1},
+    {"grid_m", NULL, M},
+    {"grid_n", NULL, N},
+    {"unit", NULL, (double)0.001f},
+    {"lsb", NULL, 0.25},
+    {"margin", NULL, 0x12345},
+    {"origin_x", NULL, -101},
+    {"origin_y", NULL, 102},
+    {"origin_z", NULL, -103},
+    {"pitch_u", NULL, 104},
+    {"pitch_v", NULL, 0x80000105},
+    {"axis_00", NULL, 201 / 1073741824.0},
+    {"axis_01", NULL, -202 / 1073741824.0},
+    {"axis_02", NULL, 203 / 1073741824.0},
+    {"axis_10", NULL, -204 / 1073741824.0},
+    {"axis_11", NULL, 205 / 1073741824.0},
+    {"axis_12", NULL, -206 / 1073741824.0},
+    {"axis_20", NULL, 207 / 1073741824.0},
+    {"axis_21", NULL, -208 / 1073741824.0},
+    {"axis_22", NULL, 209 / 1073741824.0},
+    {"block_count", NULL, 7},
+    {"coverage_count", NULL, 1},
+    {"query_x", NULL, 300},
+    {"query_y", NULL, -10},
+    {"query_height", NULL, 310},
+    {"query_status", NULL, 0},
+    {"query_sequence", NULL, 2},
+    {"command", NULL, 0x0501},
+    {"command_echo", NULL, 0x0501},
+    {"command_result", NULL, CANOPY_PLC_RESULT_REFUSED},
+    {"rx_frames", NULL, 0x10001},
+    {"rx_errors", NULL, 0x10002},
+    {"scan_errors", NULL, 0x10003},
+    {"points_rejected", NULL, 0x10004},
+    {"points_accepted", NULL, 0x10005},
+    {"readings_invalid", NULL, 0x10006},
+    {"profiles", NULL, 0x10007},
+    {"profiles_missed", NULL, 0x10008},
+    {"profiles_torn", NULL, 0x10009},
+    {"profiles_short", NULL, 0x1000A},
+    {"profiles_stale", NULL, 0x1000B},
+    {"profiles_refused", NULL, 0x1000C},
+    {"intrusions", NULL, 0x1000D},
+    {"publications", NULL, 2},
+    {"withdrawals", NULL, 0},
+    {"fits_failed", NULL, 0x10010},
+    {"commands", NULL, 1},
+    {"lost_bytes", NULL, 0x10012},
+    {"uptime_s", NULL, 0x10013},
+    {"cycle_us", NULL, 0x10014},
+    {"cycle_max_us", NULL, 0x10015},
+};
+
+enum { EXPECTED = sizeof expected / sizeof expected[0] };
+
+// ---------------------------------------------------------------------------------------------------------------------
+// The generated map
+
+static json_t *map;
+static bool is_register[ADDRESSES + 1];
+
+static int load(void **unused) {
+    (void)unused;
+    const char *build = getenv("BUILD");
+    char path[4096];
+    snprintf(path, sizeof path, "%s/registers.json", build != NULL ? build : "build");
+    json_error_t error;
+    map = json_load_file(path, 0, &error);
+    if (map == NULL) {
+        printf("# %s: %s\n", path, error.text);
+        return -1;
+    }
+    size_t i;
+    json_t *item;
+    json_array_foreach(json_object_get(map, "registers"), i, item) {
+        const json_int_t address = json_integer_value(json_object_get(item, "address"));
+        for (json_int_t k = 0; k < json_integer_value(json_object_get(item, "words")); k++)
+            is_register[address + k] = true;
+    }
+    return 0;
+}
+
+static int unload(void **unused) {
+    (void)unused;
+    json_decref(map);
+    return 0;
+}
+
+static uint16_t word_at(const uint8_t *bytes, uint32_t i) { return (uint16_t)(bytes[2 * i] << 8 | bytes[2 * i + 1]); }
+
+static uint32_t pair_at(const uint8_t *bytes, uint32_t i) {
+    return (uint32_t)word_at(bytes, i) << 16 | word_at(bytes, i + 1);
+}
+
+// A value in physical terms, as a client decodes it that knows nothing but the JSON.
+static double decode(const char *type, double scale, const uint8_t *bytes, size_t words) {
+    if (strcmp(type, "u16") == 0) {
+        assert_int_equal(words, 1);
+        return scale * word_at(bytes, 0);
+    }
+    assert_int_equal(words, 2);
+    const uint32_t bits = pair_at(bytes, 0);
+    if (strcmp(type, "u32") == 0)
+        return scale * bits;
+    if (strcmp(type, "i32") == 0)
+        return scale * (int32_t)bits;
+    assert_string_equal(type, "f32");
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return scale * (double)value;
+}
+
+static void check_block(uint32_t k, const uint8_t *bytes) {
+    assert_int_equal(pair_at(bytes, 0), k < 7 ? 2 : 0);
+    for (uint32_t i = 0; i < 61; i++) {
+        const uint32_t index = 61 * k + i;
+        assert_int_equal((int32_t)pair_at(bytes, 2 + 2 * i), index < M * N ? coefficient(index) : INT32_MIN);
+    }
+}
+
+static void check_coverage(uint32_t k, const uint8_t *bytes) {
+    assert_int_equal(pair_at(bytes, 0), k < 1 ? 2 : 0);
+    for (uint32_t i = 0; i < 1952; i++) {
+        const uint32_t cell = 1952 * k + i;
+        assert_int_equal(word_at(bytes, 2 + i / 16) >> (i % 16) & 1, cell < (M - 1) * (N - 1) && covered(cell));
+    }
+}
+
+static void every_register_by_name(void **unused) {
+    (void)unused;
+    start();
+    assert_int_equal(json_integer_value(json_object_get(map, "map_version")), CANOPY_MAP_VERSION);
+    assert_string_equal(json_string_value(json_object_get(map, "word_order")), "ABCD");
+    uint32_t found = 0, blocks = 0, coverage = 0;
+    size_t i;
+    json_t *item;
+    json_array_foreach(json_object_get(map, "registers"), i, item) {
+        uint8_t bytes[250];
+        const char *name = json_string_value(json_object_get(item, "name"));
+        const char *type = json_string_value(json_object_get(item, "type"));
+        const double scale = json_number_value(json_object_get(item, "scale"));
+        const json_int_t words = json_integer_value(json_object_get(item, "words"));
+        const json_int_t address = json_integer_value(json_object_get(item, "address"));
+        assert_string_equal(json_string_value(json_object_get(item, "table")), "holding");
+        assert_int_equal(canopy_plc_read(&plc, 0, (uint16_t)address, (uint16_t)words, bytes), 0);
+        unsigned k;
+        char rest;
+        if (sscanf(name, "block_%u%c", &k, &rest) == 1) {
+            assert_int_equal(k, blocks++);
+            check_block(k, bytes);
+            continue;
+        }
+        if (sscanf(name, "coverage_%u%c", &k, &rest) == 1) {
+            assert_int_equal(k, coverage++);
+            check_coverage(k, bytes);
+            continue;
+        }
+        size_t e = 0;
+        while (e < EXPECTED && strcmp(expected[e].name, name) != 0)
+            e++;
+        if (e == EXPECTED)
+            fail_msg("nobody says what %s should show", name);
+        found++;
+        if (expected[e].text != NULL) {
+            char text[251] = {0};
+            memcpy(text, bytes, 2 * (size_t)words);
+            assert_string_equal(text, expected[e].text);
+        } else {
+            const double value = decode(type, scale, bytes, (size_t)words);
+            if (value < expected[e].value || value > expected[e].value)
+                fail_msg("%s is %.17g instead of %.17g", name, value, expected[e].value);
+        }
+    }
+    assert_int_equal(found, EXPECTED);
+    assert_int_equal(blocks, CANOPY_BLOCK_MAX);
+    assert_int_equal(coverage, CANOPY_COVERAGE_MAX);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Every address
+
+static uint16_t image[ADDRESSES];
+
+static void read_image(void) {
+    uint8_t bytes[2];
+    for (uint32_t a = 0; a < ADDRESSES; a++) {
+        image[a] = 0;
+        if (canopy_plc_read(&plc, 0, (uint16_t)a, 1, bytes) == 0)
+            image[a] = word_at(bytes, 0);
+    }
+}
+
+// How many registers of the table stand before each address.
+static uint32_t before[ADDRESSES + 1];
+
+static void every_address_and_length(void **unused) {
+    (void)unused;
+    start();
+    for (uint32_t a = 0; a < ADDRESSES; a++)
+        before[a + 1] = before[a] + is_register[a];
+    uint32_t accepted = 0;
+    for (uint32_t a = 0; a < ADDRESSES; a++)
+        for (uint32_t count = 0; count <= 130 && a + count <= ADDRESSES; count++) {
+            uint8_t exception = 0;
+            if (count == 0 || count > 125)
+                exception = CANOPY_MODBUS_ILLEGAL_VALUE;
+            else if (a + count > CANOPY_MAP_END || before[a + count] == before[a])
+                exception = CANOPY_MODBUS_ILLEGAL_ADDRESS;
+            if (canopy_plc_readable(&plc, 1, (uint16_t)a, (uint16_t)count) != exception)
+                fail_msg("%u registers from %u: not %u", count, a, exception);
+            accepted += exception == 0;
+        }
+    assert_in_range(accepted, 4000000, 8192000);
+}
+
+// A long read shows what single reads show, writes exactly its bytes, and agrees with what readable says.
+static void long_reads_are_many_short_ones(void **unused) {
+    (void)unused;
+    start();
+    read_image();
+    static const uint16_t counts[] = {1, 2, 3, 7, 61, 62, 123, 124, 125};
+    for (uint32_t a = 0; a < ADDRESSES; a++)
+        for (size_t i = 0; i < sizeof counts / sizeof counts[0] && a + counts[i] <= ADDRESSES; i++) {
+            if (a > 2600 && a < 9800)
+                continue;  // nothing there: covered above
+            const uint16_t count = counts[i];
+            uint8_t bytes[252];
+            memset(bytes, 0x5A, sizeof bytes);
+            const uint8_t exception = canopy_plc_read(&plc, 0, (uint16_t)a, count, bytes);
+            assert_int_equal(exception, canopy_plc_readable(&plc, 0, (uint16_t)a, count));
+            for (uint32_t k = 0; k < count && exception == 0; k++)
+                if (word_at(bytes, k) != image[a + k])
+                    fail_msg("register %u in %u from %u: %04X instead of %04X", a + k, count, a, word_at(bytes, k),
+                             image[a + k]);
+            assert_int_equal(bytes[2 * count], 0x5A);
+        }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Every write
+
+static struct canopy_plc plc_before;
+static unsigned char arena_before[sizeof arena];
+
+static void remember(void) {
+    plc_before = plc;
+    memcpy(arena_before, arena, sizeof arena);
+}
+
+static bool unchanged(void) {
+    return memcmp(&plc, &plc_before, sizeof plc) == 0 && memcmp(arena, arena_before, sizeof arena) == 0;
+}
+
+static void single_writes_have_their_effect_or_none(void **unused) {
+    (void)unused;
+    static const uint16_t values[] = {0, 1, 3, 4, 0x00FF, 0x0102, 0x7FFF, 0x8000, 0xFFFF};
+    start();
+    remember();
+    for (uint32_t a = 0; a < ADDRESSES; a++)
+        for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
+            const uint8_t bytes[2] = {(uint8_t)(values[i] >> 8), (uint8_t)values[i]};
+            if (a == CANOPY_REGISTER_COMMAND)
+                continue;
+            assert_int_equal(canopy_plc_write(&plc, 0, (uint16_t)a, 1, bytes, 6), CANOPY_MODBUS_ILLEGAL_ADDRESS);
+            if (!unchanged())
+                fail_msg("a refused write of %04X to %u changed something", values[i], a);
+        }
+}
+
+static void every_command_word(void **unused) {
+    (void)unused;
+    start();
+    for (uint32_t value = 0; value < 65536; value++) {
+        remember();
+        const int ran = commands;
+        const uint8_t bytes[2] = {(uint8_t)(value >> 8), (uint8_t)value};
+        const uint8_t code = (uint8_t)value;
+        const uint8_t exception = canopy_plc_write(&plc, 1, CANOPY_REGISTER_COMMAND, 1, bytes, 6);
+        if (code >= CANOPY_PLC_COMMANDS) {
+            assert_int_equal(exception, CANOPY_MODBUS_ILLEGAL_VALUE);
+            assert_true(unchanged());
+            continue;
+        }
+        assert_int_equal(exception, 0);
+        assert_int_equal(commands, ran + (code != 0));
+        uint8_t answer[6];
+        assert_int_equal(canopy_plc_read(&plc, 1, CANOPY_REGISTER_COMMAND, 3, answer), 0);
+        assert_int_equal(word_at(answer, 0), value);
+        assert_int_equal(word_at(answer, 1), value);
+        assert_int_equal(word_at(answer, 2), code ? CANOPY_PLC_RESULT_REFUSED : CANOPY_PLC_RESULT_DONE);
+        // Nothing else: with its command and the count of commands put back, the object is what it was.
+        plc.commands--;
+        const size_t at = (size_t)((unsigned char *)&plc.clients[1].command - (unsigned char *)arena);
+        memcpy(&plc.clients[1].command, arena_before + at, sizeof plc.clients[1].command);
+        assert_true(unchanged());
+    }
+}
+
+static void only_whole_items_are_written(void **unused) {
+    (void)unused;
+    uint8_t bytes[246] = {0};
+    for (size_t i = 0; i < sizeof bytes; i++)
+        bytes[i] = (uint8_t)(i * 37);
+    start();
+    remember();
+    uint32_t written = 0;
+    for (uint32_t a = 0; a < ADDRESSES; a++)
+        for (uint32_t count = 2; count <= 123 && a + count <= ADDRESSES; count += count < 12 ? 1 : 37) {
+            const bool whole = (a == CANOPY_REGISTER_QUERY_X && (count == 2 || count == 4)) ||
+                               (a == CANOPY_REGISTER_QUERY_Y && count == 2);
+            const uint8_t exception = canopy_plc_write(&plc, 0, (uint16_t)a, (uint16_t)count, bytes, 16);
+            assert_int_equal(exception, whole ? 0 : CANOPY_MODBUS_ILLEGAL_ADDRESS);
+            written += whole;
+            if (!whole && !unchanged())
+                fail_msg("a refused write of %u registers to %u changed something", count, a);
+            if (whole) {
+                uint8_t answer[8];
+                assert_int_equal(canopy_plc_read(&plc, 0, (uint16_t)a, (uint16_t)count, answer), 0);
+                assert_memory_equal(answer, bytes, 2 * count);
+                remember();
+            }
+        }
+    assert_int_equal(written, 3);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_register_by_name),
+        cmocka_unit_test(every_address_and_length),
+        cmocka_unit_test(long_reads_are_many_short_ones),
+        cmocka_unit_test(single_writes_have_their_effect_or_none),
+        cmocka_unit_test(every_command_word),
+        cmocka_unit_test(only_whole_items_are_written),
+    };
+    return cmocka_run_group_tests_name("plc_map", tests, load, unload);
+}
