@@ -1,5 +1,6 @@
 #include "lib/cover/envelope.h"
 
+#include "lib/num/bits.h"
 #include "lib/spline/surface.h"
 
 static bool inside(const struct canopy_frame *frame, uint32_t u, uint32_t v) {
@@ -11,7 +12,7 @@ bool canopy_envelope_covers(const struct canopy_envelope *envelope, uint32_t u, 
     const struct canopy_place pu = canopy_place_of(u, frame->pitch[0], frame->size[0]);
     const struct canopy_place pv = canopy_place_of(v, frame->pitch[1], frame->size[1]);
     const uint32_t bit = pu.interval * (frame->size[1] - 1U) + pv.interval;
-    return envelope->coverage[bit / 8] >> bit % 8 & 1U;
+    return canopy_bit_get(envelope->coverage, bit);
 }
 
 enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v, int32_t *low,

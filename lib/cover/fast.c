@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "lib/num/bits.h"
+
 // The line fit of either scalar.
 struct line_fit {
     void (*shape)(struct canopy_line *line, uint16_t n, uint16_t q);
@@ -88,13 +90,13 @@ static void gather_line(struct canopy_fast *fast) {
 
 static void hold(struct canopy_fast *fast, uint32_t first, uint32_t last) {
     for (uint32_t bit = first; bit <= last; bit++) {
-        fast->held[bit / 8] |= (uint8_t)(1U << bit % 8);
+        (void)canopy_bit_set(fast->held, bit);
     }
 }
 
 static bool is_held(const struct canopy_fast *fast, uint32_t line, uint32_t j) {
     const uint32_t bit = line * fast->field->frame.size[1] + j;
-    return fast->held[bit / 8] >> bit % 8 & 1U;
+    return canopy_bit_get(fast->held, bit);
 }
 
 // Marks the coefficients that a covered cell of the line can see: those of the knot interval it is in.

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 
 static void init_axis(struct canopy_field_axis *axis, const struct canopy_frame *frame, int a, uint16_t cells) {
@@ -120,6 +121,7 @@ enum canopy_status canopy_field_merge(struct canopy_field *field, const struct c
 uint32_t canopy_field_coverage(const struct canopy_field *field, uint8_t *bits) {
     const uint32_t rows = field->axis[0].count, columns = field->axis[1].count;
     const uint32_t across = field->frame.size[1] - 1U, knot_cells = (field->frame.size[0] - 1U) * across;
+    uint32_t covered = 0;
     memset(bits, 0, (knot_cells + 7) / 8);
     for (uint32_t r = 0; r < rows; r++) {
         const int32_t *row = field->heights + (size_t)r * columns;
@@ -127,13 +129,9 @@ uint32_t canopy_field_coverage(const struct canopy_field *field, uint8_t *bits) 
         for (uint32_t c = 0; c < columns; c++) {
             if (row[c] != CANOPY_NO_HEIGHT) {
                 const uint32_t bit = first + c / field->axis[1].cells;
-                bits[bit / 8] |= (uint8_t)(1U << bit % 8);
+                covered += canopy_bit_set(bits, bit);
             }
         }
-    }
-    uint32_t covered = 0;
-    for (uint32_t bit = 0; bit < knot_cells; bit++) {
-        covered += bits[bit / 8] >> bit % 8 & 1U;
     }
     return covered;
 }

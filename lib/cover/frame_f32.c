@@ -64,7 +64,8 @@ enum canopy_status canopy_frame_around_f32(struct canopy_frame *frame, const str
     made.origin[2] = fabsf(base) < 1073741824.0f ? (int32_t)base : 0;
     const float zero = made.origin[2] == 0 ? 0.0f : ldexpf(base, quantum);
     const int reach = larger(exponent(high[2] - zero), exponent(low[2] - zero));
-    made.lsb_log2 = (int16_t)(larger(reach, -126) - CANOPY_RANGE_LOG2 - quantum);
+    // 2^-100 keeps the scale to steps a finite float.
+    made.lsb_log2 = (int16_t)(larger(reach, -100) - CANOPY_RANGE_LOG2 - quantum);
     *frame = made;
     return CANOPY_OK;
 }

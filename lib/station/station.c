@@ -2,20 +2,7 @@
 
 #include <string.h>
 
-#include "lib/spline/surface.h"
-
-// ---- One bit a cell
-
-static bool get_bit(const uint8_t *bits, uint32_t at) { return bits[at / 8] >> at % 8 & 1U; }
-
-// True if it was clear.
-static bool set_bit(uint8_t *bits, uint32_t at) {
-    const bool was_clear = !get_bit(bits, at);
-    bits[at / 8] |= (uint8_t)(1U << at % 8);
-    return was_clear;
-}
-
-static void clear_bit(uint8_t *bits, uint32_t at) { bits[at / 8] &= (uint8_t) ~(1U << at % 8); }
+#include "lib/num/bits.h"
 
 static uint32_t cell_count(const struct canopy_station *station) {
     return station->field.axis[0].count * station->field.axis[1].count;
@@ -195,6 +182,23 @@ enum canopy_status canopy_station_begin_box(struct canopy_station *station, cons
     return canopy_station_begin(station, &frame);
 }
 
+enum canopy_status canopy_station_begin_scene(struct canopy_station *station,
+                                              const struct canopy_profile_scene *scene) {
+    if (memcmp(&station->config.unit, &scene->unit, sizeof scene->unit) == 0) {
+        return canopy_station_begin_box(station, scene->low, scene->high);
+    }
+    struct canopy_frame frame;
+    enum canopy_status status = canopy_frame_around_fx(&frame, &station->config.grid, scene->low, scene->high);
+    if (status == CANOPY_OK) {
+        status = canopy_plc_set_unit(&station->plc, scene->unit);
+    }
+    if (status != CANOPY_OK) {
+        return status;
+    }
+    station->config.unit = scene->unit;
+    return canopy_station_begin(station, &frame);
+}
+
 // ---- Readings
 
 // Whether a reading whose cell is not what was certified may lie beyond the published envelope. What is not sure counts as beyond.
@@ -214,9 +218,9 @@ static bool is_beyond(const struct canopy_station *station, const int32_t point[
 
 // Remembers that a cell rose: since the last publication, and after the certificate had passed it.
 static void mark(struct canopy_station *station, uint32_t cell) {
-    (void)set_bit(station->risen_cells, cell);
+    (void)canopy_bit_set(station->risen_cells, cell);
     if (station->stage == CANOPY_STATION_CERTIFYING || station->stage == CANOPY_STATION_SETTLING) {
-        station->late_count += set_bit(station->late_cells, cell);
+        station->late_count += canopy_bit_set(station->late_cells, cell);
     }
 }
 
@@ -258,7 +262,7 @@ enum canopy_status canopy_station_reading(struct canopy_station *station, const 
         station->risen = true;
         mark(station, hit.cell);
     }
-    if (get_bit(station->risen_cells, hit.cell) && is_beyond(station, worst, hit.height)) {
+    if (canopy_bit_get(station->risen_cells, hit.cell) && is_beyond(station, worst, hit.height)) {
         intrude(station);
     }
     return CANOPY_OK;
@@ -384,7 +388,7 @@ static void certify(struct canopy_station *station) {
 static uint32_t next_late(struct canopy_station *station) {
     const uint32_t cells = cell_count(station);
     uint32_t cell = station->late_at;
-    while (!get_bit(station->late_cells, cell)) {
+    while (!canopy_bit_get(station->late_cells, cell)) {
         cell = cell + 1 < cells ? cell + 1 : 0;
     }
     station->late_at = cell;
@@ -398,7 +402,7 @@ static void settle(struct canopy_station *station) {
     }
     const uint32_t cell = next_late(station);
     if (canopy_certify_cell(&station->certify, cell) == CANOPY_OK) {
-        clear_bit(station->late_cells, cell);
+        canopy_bit_clear(station->late_cells, cell);
         station->late_count--;
     } else {
         mend(station);

@@ -110,6 +110,9 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
 enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
                                             const int32_t high[3]);
 
+/// The same in the scanner's own unit, which becomes the station's. CANOPY_ARGUMENT also for a unit that is none.
+enum canopy_status canopy_station_begin_scene(struct canopy_station *station, const struct canopy_profile_scene *scene);
+
 /// Takes one valid reading: device units; the true height is within z +- uncertainty. CANOPY_OK: accepted.
 /// CANOPY_OUT_OF_FRAME: rejected, beside the frame; CANOPY_RANGE: rejected, and an intrusion; CANOPY_EMPTY: no scene yet.
 enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
