@@ -116,6 +116,10 @@ struct canopy_plc {
 enum canopy_status canopy_plc_init(struct canopy_plc *plc, const struct canopy_plc_config *config, void *arena,
                                    size_t bytes);
 
+/// The unit of envelopes from now on, as in the configuration. What is published under another one is withdrawn.
+/// CANOPY_ARGUMENT: not > 0, or subnormal; nothing is changed then.
+enum canopy_status canopy_plc_set_unit(struct canopy_plc *plc, float unit);
+
 /// The envelope to fill for the next publication, with room for the configured size behind `coefficients` and
 /// `coverage` (do not change these two pointers). Nobody else sees it before canopy_plc_commit(). Calling it again
 /// before that gives the same one, with what has been written so far; side and scalar are preset. Never NULL.

@@ -88,6 +88,15 @@ static uint8_t free_slot(const struct canopy_plc *plc) {
     return slot;
 }
 
+enum canopy_status canopy_plc_set_unit(struct canopy_plc *plc, float unit) {
+    if (!normal(unit))
+        return CANOPY_ARGUMENT;
+    if (bits_of(unit) != bits_of(plc->config.unit))
+        canopy_plc_withdraw(plc);
+    plc->config.unit = unit;
+    return CANOPY_OK;
+}
+
 struct canopy_envelope *canopy_plc_begin(struct canopy_plc *plc) {
     if (plc->writing == CANOPY_PLC_NO_SLOT) {
         plc->writing = free_slot(plc);
