@@ -52,7 +52,7 @@ static enum canopy_plc_query_status height(void *context, const struct canopy_en
                                            int32_t *to) {
     (void)context;
     (void)envelope;
-    *to = x - y;
+    *to = x - y;  // quarters of a device unit
     return CANOPY_PLC_QUERY_GOOD;
 }
 
@@ -147,7 +147,7 @@ static const struct {
     {"coverage_count", NULL, 1},
     {"query_x", NULL, 300},
     {"query_y", NULL, -10},
-    {"query_height", NULL, 310},
+    {"query_height", NULL, 77},
     {"query_status", NULL, 0},
     {"query_sequence", NULL, 2},
     {"command", NULL, 0x0501},

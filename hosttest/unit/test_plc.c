@@ -481,6 +481,55 @@ UNIT(queries_are_per_client_and_fresh) {
     CHECK_EQ(read_pair(0, CANOPY_REGISTER_QUERY_SEQUENCE), 0);
 }
 
+// Asks a published envelope whose surface is `steps` high.
+static int32_t height_of(uint8_t side, int32_t steps, int16_t lsb_log2, uint16_t status) {
+    start(side);
+    struct canopy_envelope *next = canopy_plc_begin(&plc);
+    fill(next, 1);
+    next->frame.lsb_log2 = lsb_log2;
+    next->coefficients[0] = 0;
+    CHECK_EQ(canopy_plc_commit(&plc), CANOPY_OK);
+    station.height = steps;
+    CHECK_EQ(ask(0, CANOPY_REGISTER_QUERY_HEIGHT, 3), 0);
+    CHECK_EQ(word(2), status);
+    return (int32_t)pair(0);
+}
+
+UNIT(heights_are_rounded_to_the_safe_side) {
+    CHECK_EQ(height_of(CANOPY_ABOVE, 9, -2, 0), 3);
+    CHECK_EQ(height_of(CANOPY_ABOVE, 8, -2, 0), 2);
+    CHECK_EQ(height_of(CANOPY_ABOVE, -9, -2, 0), -2);
+    CHECK_EQ(height_of(CANOPY_BELOW, 9, -2, 0), 2);
+    CHECK_EQ(height_of(CANOPY_BELOW, -9, -2, 0), -3);
+    CHECK_EQ(height_of(CANOPY_ABOVE, INT32_MIN, -40, 0), 0);
+    CHECK_EQ(height_of(CANOPY_ABOVE, 1, -126, 0), 1);
+    CHECK_EQ(height_of(CANOPY_BELOW, -1, -126, 0), -1);
+    CHECK_EQ(height_of(CANOPY_ABOVE, INT32_MAX, 0, 0), INT32_MAX);
+    CHECK_EQ(height_of(CANOPY_BELOW, INT32_MIN, 0, 0), INT32_MIN);
+    CHECK_EQ(height_of(CANOPY_ABOVE, -3, 4, 0), -48);
+    CHECK_EQ(height_of(CANOPY_ABOVE, -1, 31, 0), INT32_MIN);
+    CHECK_EQ(height_of(CANOPY_ABOVE, 1, 31, CANOPY_PLC_QUERY_RANGE), INT32_MAX);
+    CHECK_EQ(height_of(CANOPY_ABOVE, -3, 31, CANOPY_PLC_QUERY_RANGE), INT32_MAX);
+    CHECK_EQ(height_of(CANOPY_BELOW, 1, 100, CANOPY_PLC_QUERY_RANGE), INT32_MIN);
+    CHECK_EQ(height_of(CANOPY_BELOW, 0, 100, 0), 0);
+}
+
+UNIT(another_unit_withdraws) {
+    start(CANOPY_ABOVE);
+    publish();
+    CHECK_EQ(canopy_plc_set_unit(&plc, 0.5f), CANOPY_OK);  // the one there is
+    CHECK_EQ(read_pair(0, SEQUENCE), 1);
+    CHECK_EQ(canopy_plc_set_unit(&plc, 0.0f), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_plc_set_unit(&plc, -2.0f), CANOPY_ARGUMENT);
+    CHECK_EQ(read_block(0, 0), 1);
+    CHECK_EQ(canopy_plc_set_unit(&plc, 2.0f), CANOPY_OK);
+    CHECK_EQ(read_block(0, 1), 0);
+    publish();
+    CHECK_EQ(ask(0, SEQUENCE, 44), 0);
+    CHECK_EQ(pair(0), 2);
+    CHECK_EQ(pair(8), 0x40000000);
+}
+
 UNIT(commands_run_once) {
     start(CANOPY_ABOVE);
     CHECK_EQ(write_word(0, CANOPY_REGISTER_COMMAND, 0x0101), 0);
@@ -563,5 +612,6 @@ UNIT_LIST(plc, init_says_what_is_wrong, identity_shows_the_word_order, without_a
           a_hold_lasts_over_publications, without_sequence_the_first_read_holds,
           polling_one_register_follows_the_newest, parts_of_a_block_belong_together, one_request_spans_blocks,
           a_withdrawal_breaks_holds, live_status_is_never_held, the_sequence_skips_zero_when_it_wraps,
-          a_new_connection_starts_clean, queries_are_per_client_and_fresh, commands_run_once, a_command_may_withdraw,
-          what_cannot_be_read_is_an_exception, what_cannot_be_written_is_an_exception)
+          a_new_connection_starts_clean, queries_are_per_client_and_fresh, heights_are_rounded_to_the_safe_side,
+          another_unit_withdraws, commands_run_once, a_command_may_withdraw, what_cannot_be_read_is_an_exception,
+          what_cannot_be_written_is_an_exception)

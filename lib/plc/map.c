@@ -251,6 +251,20 @@ void canopy_plc_unanswered(const struct canopy_plc *plc, struct canopy_plc_query
     query->sequence = 0;
 }
 
+// A height in device units, rounded to the safe side; false if it does not fit.
+static bool device_height(const struct canopy_frame *frame, int32_t steps, int32_t *to) {
+    const int64_t height = steps;
+    const int shift = frame->lsb_log2 < 0 ? (frame->lsb_log2 > -32 ? -frame->lsb_log2 : 32)
+                                          : (frame->lsb_log2 < 31 ? frame->lsb_log2 : 31);
+    int64_t units = height * ((int64_t)1 << shift);
+    if (frame->lsb_log2 < 0)
+        units = frame->side == CANOPY_ABOVE ? -(-height >> shift) : height >> shift;
+    if (units > INT32_MAX || units < INT32_MIN || (frame->lsb_log2 > 31 && steps != 0))
+        return false;
+    *to = (int32_t)units;
+    return true;
+}
+
 void canopy_plc_evaluate(struct canopy_plc *plc, uint8_t client) {
     const struct canopy_plc_source *source = &plc->config.source;
     struct canopy_plc_query *query = &plc->clients[client].query;
@@ -265,10 +279,10 @@ void canopy_plc_evaluate(struct canopy_plc *plc, uint8_t client) {
         query->status = CANOPY_PLC_QUERY_INTRUSION;
         return;
     }
-    int32_t height = query->height;
-    query->status = (uint16_t)source->height(source->context, envelope, query->x, query->y, &height);
-    if (query->status == CANOPY_PLC_QUERY_GOOD)
-        query->height = height;
+    int32_t steps = query->height;
+    query->status = (uint16_t)source->height(source->context, envelope, query->x, query->y, &steps);
+    if (query->status == CANOPY_PLC_QUERY_GOOD && !device_height(&envelope->frame, steps, &query->height))
+        query->status = CANOPY_PLC_QUERY_RANGE;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------

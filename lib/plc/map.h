@@ -22,7 +22,8 @@ enum canopy_plc_query_status {
     CANOPY_PLC_QUERY_NONE = 1,       ///< no envelope is published
     CANOPY_PLC_QUERY_OUTSIDE = 2,    ///< outside the frame
     CANOPY_PLC_QUERY_UNCOVERED = 3,  ///< the place has no readings
-    CANOPY_PLC_QUERY_INTRUSION = 4   ///< the published envelope is known to be wrong somewhere
+    CANOPY_PLC_QUERY_INTRUSION = 4,  ///< the published envelope is known to be wrong somewhere
+    CANOPY_PLC_QUERY_RANGE = 5       ///< the height does not fit 32 bits of device units
 };
 
 /// Low byte of a command word.

@@ -44,7 +44,8 @@ struct canopy_plc_source {
     /// Fills in the counters as of now. `to` comes zeroed.
     void (*counters)(void *context, struct canopy_plc_counters *to);
     /// Evaluates the envelope at (x, y): device units from the origin along u and v. *height is in lsb, rounded to the
-    /// safe side (above: up). Returns CANOPY_PLC_QUERY_GOOD, _OUTSIDE or _UNCOVERED; *height counts only with GOOD.
+    /// safe side (above: up). Returns CANOPY_PLC_QUERY_GOOD, _OUTSIDE, _UNCOVERED or _INTRUSION; *height counts only
+    /// with GOOD. Not called while an envelope is not published or the live status says intrusion.
     enum canopy_plc_query_status (*height)(void *context, const struct canopy_envelope *envelope, int32_t x, int32_t y,
                                            int32_t *height);
     /// Runs a command: 1 to CANOPY_PLC_COMMANDS - 1. May publish and withdraw. Returns DONE or REFUSED, at once.
