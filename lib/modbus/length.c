@@ -25,7 +25,8 @@ size_t canopy_modbus_request_length(const uint8_t *pdu, size_t have) {
     case 0x03:
     case 0x04:
     case 0x05:
-    case 0x06: return 5;
+    case 0x06:
+    case 0x08: return 5;
     case 0x07:
     case 0x0B:
     case 0x0C:
@@ -76,6 +77,7 @@ size_t canopy_modbus_response_length(const uint8_t *pdu, size_t have) {
     case 0x17: return counted(pdu, have, 1);
     case 0x05:
     case 0x06:
+    case 0x08:
     case 0x0B:
     case 0x0F:
     case 0x10: return 5;

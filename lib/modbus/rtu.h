@@ -18,7 +18,8 @@
 ///   answered: the master has stopped waiting for any other.
 /// - A neighbour's frame may be a request or a response; the longer reading with a right CRC counts. While the
 ///   bytes may still be the head of a response that is awaited, nothing behind them is taken for a frame.
-/// - A frame to this unit with a right CRC but a wrong length is answered by exception 03, an unknown function by 01.
+/// - A frame to this unit with a right CRC but a wrong length is answered by exception 03 (one that is too short only when
+///   `pause_us` is over, as it might go on), an unknown function by 01.
 /// - What does not make a chain is kept for `pause_us`, in case the silence was invented and the rest follows; then
 ///   dropped and counted. If the buffer fills without a silence, its oldest frame is settled by length and CRC; if
 ///   there is none, the server ignores everything until the next silence.
@@ -67,6 +68,13 @@ struct canopy_modbus_rtu_server_config {
     uint32_t pause_us;                      ///< 0: CANOPY_MODBUS_RTU_PAUSE_US; set it to the silence to forgive none
 };
 
+/// The response of a neighbour that is awaited on the line. Private.
+struct canopy_modbus_rtu_awaited {
+    uint16_t length;  // of the frame, 0 if that cannot be told
+    uint8_t unit;     // 0: none is awaited
+    uint8_t function;
+};
+
 /// About 350 bytes. Everything in it is private; the counters may be read. Not thread-safe.
 struct canopy_modbus_rtu_server {
     struct canopy_modbus_rtu_server_config config;
@@ -78,8 +86,7 @@ struct canopy_modbus_rtu_server {
     uint16_t sent;          // bytes of the reply that are gone
     uint16_t burst;         // where the last burst starts
     uint16_t marks[CANOPY_MODBUS_RTU_MARKS];  // earlier bursts, oldest first
-    uint16_t awaited_length;                  // of a neighbour's response
-    uint8_t awaited_unit, awaited_function;
+    struct canopy_modbus_rtu_awaited awaited;
     uint8_t mark_count;
     uint8_t state;
     uint8_t buffer[CANOPY_MODBUS_RTU_ADU_MAX];

@@ -153,7 +153,8 @@ void canopy_modbus_rtu_client_feed(struct canopy_modbus_rtu_client *client, cons
     if (length == 0)
         return;
     const uint64_t wire_us = canopy_modbus_rtu_wire_us(client->character_q8, length);
-    if (canopy_modbus_rtu_since(client->last_us, now_us) >= client->config.silence_us + wire_us)
+    // Two times cut to microseconds can lose one of the microseconds between them.
+    if (canopy_modbus_rtu_since(client->last_us, now_us + 1) >= client->config.silence_us + wire_us)
         silence(client);
     if (client->last_us < now_us)
         client->last_us = now_us;

@@ -13,13 +13,15 @@ enum state {
     REPLYING     // buffer[0, have) is a reply, sent of it gone
 };
 
+// What is known about the time after the last byte.
+enum moment { NO_SILENCE, SILENCE, PAUSE_OVER };
+
 enum kind { NO_FRAME, OURS, NEIGHBOURS_REQUEST, NEIGHBOURS_RESPONSE, NEIGHBOURS };
 
 enum {
     ADU_EXTRA = 3,  // unit and CRC
     ADU_MIN = 4,
-    ANY_LENGTH = 0,               // awaited_length: a response is awaited whose length cannot be told
-    AWAITED_UNKNOWN = UINT16_MAX  // awaited_length: what came before was not understood
+    ANY_LENGTH = 0  // awaited_length when it cannot be told
 };
 
 struct frame {
@@ -28,16 +30,12 @@ struct frame {
 };
 
 // ---------------------------------------------------------------------------------------------------------------------
-// Which response is awaited on the line. Only consulted to decide whether bytes that have the right CRC as one thing may still
-// become a longer other thing.
+// Which response is awaited on the line. Only consulted to decide whether bytes that are a whole request may still become a
+// longer response.
 
 static void await_nothing(struct canopy_modbus_rtu_server *server) {
-    server->awaited_unit = 0;
-    server->awaited_function = 0;
-    server->awaited_length = ANY_LENGTH;
+    server->awaited.unit = 0;  // from which nothing comes
 }
-
-static void await_unknown(struct canopy_modbus_rtu_server *server) { server->awaited_length = AWAITED_UNKNOWN; }
 
 // Length of the frame that answers a neighbour's request.
 static uint16_t answer_length(const uint8_t *pdu) {
@@ -53,16 +51,16 @@ static uint16_t answer_length(const uint8_t *pdu) {
 }
 
 static void await_answer_to(struct canopy_modbus_rtu_server *server, const uint8_t *adu) {
-    server->awaited_unit = adu[0];
-    server->awaited_function = adu[1];
-    server->awaited_length = answer_length(adu + 1);
+    server->awaited.unit = adu[0];
+    server->awaited.function = adu[1];
+    server->awaited.length = answer_length(adu + 1);
 }
 
 // May a response that starts like this, and has this length (0 if that is not known yet), be the one?
 static bool is_awaited(const struct canopy_modbus_rtu_server *server, const uint8_t *adu, size_t length) {
-    if (adu[0] != server->awaited_unit || (adu[1] & 0x7Fu) != server->awaited_function)
+    if (adu[0] != server->awaited.unit || (adu[1] & 0x7Fu) != server->awaited.function)
         return false;
-    return (adu[1] & 0x80u) || length == 0 || server->awaited_length == ANY_LENGTH || length == server->awaited_length;
+    return (adu[1] & 0x80u) || length == 0 || server->awaited.length == ANY_LENGTH || length == server->awaited.length;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -90,49 +88,49 @@ static struct frame our_frame(const uint8_t *adu, size_t there) {
     return (struct frame){NO_FRAME, 0};
 }
 
-// A neighbour's bytes are a request or a response. The longer whole one counts; a shorter one stands back while the longer
-// may still come.
+// A neighbour's bytes are a request or a response. The longer whole one counts; a request stands back while the response that is
+// awaited may still come.
 static struct frame neighbours_frame(const struct canopy_modbus_rtu_server *server, const uint8_t *adu, size_t there) {
     const size_t request = adu_length(canopy_modbus_request_length(adu + 1, there - 1));
     const size_t response = adu_length(canopy_modbus_response_length(adu + 1, there - 1));
-    const bool known = server->awaited_length != AWAITED_UNKNOWN;
-    const bool awaited = known && is_awaited(server, adu, response);
     const bool is_request = is_whole(adu, there, request);
     const bool is_response = is_whole(adu, there, response);
-    if (is_request && is_response && request != response)
-        return request > response ? (struct frame){NEIGHBOURS_REQUEST, request}
-                                  : (struct frame){NEIGHBOURS_RESPONSE, response};
-    if (is_response && (awaited || !is_request) && (awaited || !is_pending(there, request)))
+    const bool awaited = is_awaited(server, adu, response);
+    if (is_response && !(is_request && (request > response || (request == response && !awaited))))
         return (struct frame){NEIGHBOURS_RESPONSE, response};
-    if (is_request && (request == response || !is_pending(there, response) || (known && !awaited)))
+    if (is_request && !(awaited && is_pending(there, response)))
         return (struct frame){NEIGHBOURS_REQUEST, request};
     return (struct frame){NO_FRAME, 0};
 }
 
-// What the `there` bytes at `adu`, up to a silence, are as one frame, whatever its function says about its length.
+// What the `there` bytes at `adu`, up to a silence, are as one frame, whatever its function says about its length. Of 256 frames
+// one has a right CRC without its last byte too: what is too short for its function may still go on, and is a frame only when
+// the pause is over.
 static struct frame frame_of_all(const struct canopy_modbus_rtu_server *server, const uint8_t *adu, size_t there,
-                                 bool ours) {
+                                 bool ours, enum moment moment) {
     if (!canopy_modbus_crc_ok(adu, there))
         return (struct frame){NO_FRAME, 0};
+    const size_t request_length = adu_length(canopy_modbus_request_length(adu + 1, there - 1));
     if (ours)
-        return (struct frame){OURS, there};
-    const bool request = adu_length(canopy_modbus_request_length(adu + 1, there - 1)) == there;
+        return is_pending(there, request_length) && moment != PAUSE_OVER ? (struct frame){NO_FRAME, 0}
+                                                                         : (struct frame){OURS, there};
+    const bool request = request_length == there;
     const bool response = adu_length(canopy_modbus_response_length(adu + 1, there - 1)) == there;
     if (response && (!request || is_awaited(server, adu, there)))
         return (struct frame){NEIGHBOURS_RESPONSE, there};
     return (struct frame){request ? NEIGHBOURS_REQUEST : NEIGHBOURS, there};
 }
 
-// The frame that starts at `start`; `silent` when the line has been silent since the last byte.
-static struct frame frame_at(const struct canopy_modbus_rtu_server *server, size_t start, bool silent) {
+// The frame that starts at `start`.
+static struct frame frame_at(const struct canopy_modbus_rtu_server *server, size_t start, enum moment moment) {
     const uint8_t *adu = server->buffer + start;
     const size_t there = server->have - start;
     if (there < ADU_MIN)
         return (struct frame){NO_FRAME, 0};
     const bool ours = adu[0] == server->config.unit || adu[0] == 0;
     struct frame frame = {NO_FRAME, 0};
-    if (silent)
-        frame = frame_of_all(server, adu, there, ours);
+    if (moment != NO_SILENCE)
+        frame = frame_of_all(server, adu, there, ours, moment);
     if (frame.kind == NO_FRAME)
         frame = ours ? our_frame(adu, there) : neighbours_frame(server, adu, there);
     return frame;
@@ -142,8 +140,6 @@ static struct frame frame_at(const struct canopy_modbus_rtu_server *server, size
 static void follow(struct canopy_modbus_rtu_server *server, size_t start, enum kind kind) {
     if (kind == NEIGHBOURS_REQUEST)
         await_answer_to(server, server->buffer + start);
-    else if (kind == NEIGHBOURS)
-        await_unknown(server);
     else
         await_nothing(server);
 }
@@ -161,7 +157,7 @@ static void clear(struct canopy_modbus_rtu_server *server, enum state state) {
 
 static void drop(struct canopy_modbus_rtu_server *server, enum state state) {
     server->rx_errors++;
-    await_unknown(server);
+    await_nothing(server);
     clear(server, state);
 }
 
@@ -201,9 +197,9 @@ static void answer(struct canopy_modbus_rtu_server *server, size_t start, size_t
 }
 
 // True when frames that start at `start` reach the last byte exactly. Changes only what is awaited.
-static bool is_chain(struct canopy_modbus_rtu_server *server, size_t start) {
+static bool is_chain(struct canopy_modbus_rtu_server *server, size_t start, enum moment moment) {
     while (start < server->have) {
-        const struct frame frame = frame_at(server, start, true);
+        const struct frame frame = frame_at(server, start, moment);
         if (frame.kind == NO_FRAME)
             return false;
         follow(server, start, frame.kind);
@@ -212,9 +208,9 @@ static bool is_chain(struct canopy_modbus_rtu_server *server, size_t start) {
     return true;
 }
 
-static void carry_out_chain(struct canopy_modbus_rtu_server *server, size_t start) {
+static void carry_out_chain(struct canopy_modbus_rtu_server *server, size_t start, enum moment moment) {
     while (start < server->have) {
-        const struct frame frame = frame_at(server, start, true);
+        const struct frame frame = frame_at(server, start, moment);
         follow(server, start, frame.kind);
         if (frame.kind == OURS) {
             if (start + frame.length == server->have && server->buffer[start] != 0) {
@@ -228,33 +224,34 @@ static void carry_out_chain(struct canopy_modbus_rtu_server *server, size_t star
     clear(server, COLLECTING);
 }
 
-// Tries the chain that starts at `start`, first looking only, then for good.
-static bool try_chain(struct canopy_modbus_rtu_server *server, size_t start) {
-    const uint16_t length = server->awaited_length;
-    const uint8_t unit = server->awaited_unit;
-    const uint8_t function = server->awaited_function;
-    if (start > 0)
-        await_unknown(server);
-    const uint16_t first_length = server->awaited_length;
-    const bool good = is_chain(server, start);
-    server->awaited_unit = unit;
-    server->awaited_function = function;
-    server->awaited_length = good ? first_length : length;
+// Tries the chain that starts at `start`: first looks, then does.
+static bool try_chain(struct canopy_modbus_rtu_server *server, size_t start, enum moment moment) {
+    const struct canopy_modbus_rtu_awaited before = server->awaited;
+    const bool good = is_chain(server, start, moment);
+    server->awaited = before;
     if (!good)
         return false;
     if (start > 0)
         server->rx_errors++;
-    carry_out_chain(server, start);
+    carry_out_chain(server, start, moment);
     return true;
 }
 
-// A silence ended the last burst: is there a chain of frames up to it?
-static void read_bursts(struct canopy_modbus_rtu_server *server) {
-    if (try_chain(server, server->burst))
-        return;
+static bool try_chains(struct canopy_modbus_rtu_server *server, enum moment moment) {
+    if (server->have > server->burst && try_chain(server, server->burst, moment))
+        return true;
     for (uint8_t i = 0; i < server->mark_count; i++)
-        if (try_chain(server, server->marks[i]))
-            return;
+        if (try_chain(server, server->marks[i], moment))
+            return true;
+    return false;
+}
+
+// A silence ended the last burst: is there a chain of frames up to it?
+static void silence(struct canopy_modbus_rtu_server *server) {
+    if (server->state == DEAF)
+        clear(server, COLLECTING);
+    if (server->state != COLLECTING || server->have == server->burst || try_chains(server, SILENCE))
+        return;
     // None yet. Where this burst starts is remembered; if there are too many, the oldest ones and the last one are.
     if (server->mark_count == CANOPY_MODBUS_RTU_MARKS)
         server->mark_count--;
@@ -262,25 +259,20 @@ static void read_bursts(struct canopy_modbus_rtu_server *server) {
     server->burst = server->have;
 }
 
-static void silence(struct canopy_modbus_rtu_server *server) {
-    if (server->state == DEAF)
-        clear(server, COLLECTING);
-    else if (server->state == COLLECTING && server->have > server->burst)
-        read_bursts(server);
-}
-
 // The line has been silent for that long.
 static void silent_for(struct canopy_modbus_rtu_server *server, uint64_t gap_us) {
-    if (gap_us >= server->config.silence_us)
-        silence(server);
-    if (gap_us > server->config.pause_us && server->state == COLLECTING && server->have > 0)
+    if (gap_us < server->config.silence_us)
+        return;
+    silence(server);
+    if (gap_us > server->config.pause_us && server->state == COLLECTING && server->have > 0 &&
+        !try_chains(server, PAUSE_OVER))
         drop(server, COLLECTING);
 }
 
 // The buffer is full without a silence: no frame that starts at 0 can still grow. Takes it, or goes on to the next place where
 // one may start.
 static void make_room(struct canopy_modbus_rtu_server *server) {
-    const struct frame frame = frame_at(server, 0, false);
+    const struct frame frame = frame_at(server, 0, NO_SILENCE);
     if (frame.kind != NO_FRAME) {
         follow(server, 0, frame.kind);
         if (frame.kind == OURS)
@@ -294,7 +286,7 @@ static void make_room(struct canopy_modbus_rtu_server *server) {
         return;
     }
     server->rx_errors++;
-    await_unknown(server);
+    await_nothing(server);
     shift(server, next);
 }
 
@@ -322,7 +314,7 @@ enum canopy_status canopy_modbus_rtu_server_init(struct canopy_modbus_rtu_server
     memset(server, 0, sizeof *server);
     server->config = whole;
     server->character_q8 = canopy_modbus_rtu_character_q8(whole.baud, whole.character_bits);
-    await_unknown(server);
+    await_nothing(server);
     return CANOPY_OK;
 }
 
@@ -331,7 +323,8 @@ void canopy_modbus_rtu_server_feed(struct canopy_modbus_rtu_server *server, cons
     if (length == 0)
         return;
     const uint64_t wire_us = canopy_modbus_rtu_wire_us(server->character_q8, length);
-    silent_for(server, canopy_modbus_rtu_since(server->last_us + wire_us, now_us));
+    // Two times cut to microseconds can lose one of the microseconds between them.
+    silent_for(server, canopy_modbus_rtu_since(server->last_us + wire_us, now_us + 1));
     server->last_us = now_us;
     if (server->state == REPLYING) {
         if (server->sent > 0)
