@@ -53,11 +53,9 @@ class Graph:
 
 
 def linked_objects(link_map):
-    """The objects that the linker read for an image; of its archives, which are thin, the objects that it took."""
+    """The objects that the linker took for an image, also from its archive, which is thin."""
     text = link_map.read_text(errors="replace")
-    paths = {Path(name) for name in re.findall(r"^LOAD (\S+\.o)$", text, re.M)}
-    for archive, member in re.findall(r"(\S+/libcanopy\.a)\((\S+\.o)\)", text):
-        paths.add(Path(member) if Path(member).exists() else Path(archive).parent / member)
+    paths = {Path(name) for name in re.findall(r"(\S+/obj/\S+\.o)\b", text)}
     return sorted(path for path in paths if path.with_suffix(".ci").exists())
 
 
@@ -81,8 +79,11 @@ class Table:
     def targets(self, place):
         """Functions that the call at file:line:column may reach."""
         file, line, column = place.rsplit(":", 2)
-        name = called_name(Path(file), int(line), int(column))
+        names = called_names(Path(file), int(line), int(column))
         file = file.removeprefix("./")
+        return [target for name in names for target in self.targets_of(file, line, name)]
+
+    def targets_of(self, file, line, name):
         for where, callback, targets in self.calls:
             if callback == name and where in ("", file):
                 return targets
@@ -94,14 +95,14 @@ def source_lines(path):
     return path.read_text().splitlines()
 
 
-def called_name(path, line, column):
-    """The last name before the parenthesis of the call that GCC places at line:column."""
-    text = "\n".join(source_lines(path)[line - 1:line + 2])
-    names = [(match.start(1), match.group(1)) for match in re.finditer(r"([A-Za-z_]\w*)\s*\]?\)?\(", text)
-             if match.end() >= column]
+def called_names(path, line, column):
+    """Members called in the statement that GCC places at line:column; without any, the first name called."""
+    lines = source_lines(path)[line - 1:line + 8]
+    statement = "\n".join([lines[0][column - 1:], *lines[1:]]).split(";")[0]
+    names = re.findall(r"(?:->|\.)\s*(\w+)(?:\[[^\]]*\])?\s*\(", statement) or re.findall(r"(\w+)\W*\(", statement)[:1]
     if not names:
         raise Problem(f"{path}:{line}:{column}: no call found there")
-    return names[0][1]
+    return sorted(set(names))
 
 
 class Image:
@@ -146,6 +147,12 @@ class Image:
                 self.take(functions[name], name, row)
         return functions
 
+    def instructions(self, name):
+        """The same for one function; the disassembly knows only one of the names of an address."""
+        functions = self.disassembled()
+        aliases = self.by_address.get(self.symbols.get(name, -1) & ~1, set())
+        return next((functions[alias] for alias in [name, *sorted(aliases)] if alias in functions), None)
+
     @staticmethod
     def take(function, name, row):
         push = re.search(r"\t(?:push|stmdb\s+sp!,|push\.w)\s*\{(.*?)\}", row)
@@ -155,6 +162,8 @@ class Image:
             found = re.search(pattern, row)
             if found:
                 function[0] += int(found.group(1))
+        if re.search(r"\tblx\t(r\d+|ip|lr)", row):
+            function[1].add("a pointer")
         jump = re.search(r"\t(?:blx?|b(?:eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?)(?:\.[nw])?\t[0-9a-f]+ <([^>+]+)>", row)
         if jump and jump.group(1) != name:
             function[1].add(jump.group(1))
@@ -188,10 +197,13 @@ class Stack:
 
     def frame_and_calls(self, title):
         if title not in self.graph.frames:
-            found = self.image.disassembled().get(title.split(":")[-1])
+            found = self.image.instructions(title.split(":")[-1])
             if found is None:
                 raise Problem(f"{title}: neither in the call graph nor in the image")
-            return found[0], {self.resolve(name) for name in found[1]}
+            if "a pointer" in found[1] and title not in self.table.asm:
+                raise Problem(f"{title}: calls through a pointer and has no call graph: give it an 'asm' line")
+            calls = (found[1] - {"a pointer"}) | set(self.table.asm.get(title, ()))
+            return found[0], {self.resolve(name) for name in calls}
         calls = set(self.graph.edges.get(title, ()))
         for place in self.graph.pointers.get(title, ()):
             calls |= {self.resolve(name) for name in self.table.targets(place)}

@@ -1,25 +1,29 @@
 #include "boards/mps2_an385/board.h"
 
 #include "port/cortexm/clock.h"
+#include "port/cortexm/cmsdk_timer.h"
 #include "port/cortexm/cmsdk_uart.h"
 #include "port/cortexm/cmsdk_watchdog.h"
 #include "port/cortexm/fault.h"
 #include "port/cortexm/startup.h"
 
 static struct canopy_cmsdk_uart uart[2];
-static uint8_t receive_ring[2][BOARD_RING_LENGTH];
-static uint8_t send_ring[2][BOARD_RING_LENGTH];
+static uint8_t receive_ring[2][BOARD_RECEIVE_LENGTH];
+static uint8_t send_ring[2][BOARD_SEND_LENGTH];
+static struct canopy_cmsdk_timer timer;
 static struct canopy_cmsdk_watchdog watchdog = {.base = BOARD_WATCHDOG_BASE};
 
 static void uart0_receive(void) { canopy_cmsdk_uart_on_receive(&uart[0]); }
 static void uart0_transmit(void) { canopy_cmsdk_uart_on_transmit(&uart[0]); }
 static void uart1_receive(void) { canopy_cmsdk_uart_on_receive(&uart[1]); }
 static void uart1_transmit(void) { canopy_cmsdk_uart_on_transmit(&uart[1]); }
+static void timer_alarm(void) { canopy_cmsdk_timer_on_alarm(&timer); }
 
 void canopy_fault_put(char character) { canopy_cmsdk_uart_put(BOARD_CONSOLE_BASE, character); }
 
 struct board board_start(uint32_t baud0, uint32_t baud1) {
     canopy_cortexm_clock_start(BOARD_CLOCK_HZ);
+    canopy_cmsdk_timer_start(&timer, BOARD_TIMER_BASE, BOARD_CLOCK_HZ, BOARD_TIMER_IRQ);
     struct canopy_cmsdk_uart_config config = {.base = BOARD_UART0_BASE,
                                               .clock_hz = BOARD_CLOCK_HZ,
                                               .baud = baud0,
@@ -28,8 +32,8 @@ struct board board_start(uint32_t baud0, uint32_t baud1) {
                                               .clock = canopy_cortexm_clock(),
                                               .receive_ring = receive_ring[0],
                                               .send_ring = send_ring[0],
-                                              .receive_length = BOARD_RING_LENGTH,
-                                              .send_length = BOARD_RING_LENGTH};
+                                              .receive_length = BOARD_RECEIVE_LENGTH,
+                                              .send_length = BOARD_SEND_LENGTH};
     canopy_cmsdk_uart_start(&uart[0], &config);
     config.base = BOARD_UART1_BASE;
     config.baud = baud1;
@@ -45,6 +49,15 @@ struct board board_start(uint32_t baud0, uint32_t baud1) {
 
 void board_start_watchdog(uint32_t period_us) {
     canopy_cmsdk_watchdog_start(&watchdog, BOARD_WATCHDOG_BASE, BOARD_CLOCK_HZ, period_us);
+}
+
+void board_sleep(uint64_t due_us, uint32_t seen) {
+    const uint64_t now_us = canopy_cortexm_now_us();
+    if (due_us <= now_us)
+        return;
+    if (due_us - now_us < 1000u)  // else the clock's interrupt is there first
+        canopy_cmsdk_timer_alarm(&timer, (uint32_t)(due_us - now_us));
+    canopy_cortexm_idle(seen);
 }
 
 struct vectors {
@@ -65,6 +78,8 @@ __attribute__((section(".vectors"), used)) static const struct vectors vectors =
             IRQ(BOARD_UART0_TRANSMIT_IRQ) = uart0_transmit,
             IRQ(BOARD_UART1_RECEIVE_IRQ) = uart1_receive,
             IRQ(BOARD_UART1_TRANSMIT_IRQ) = uart1_transmit,
-            [15 + 4 ... 15 + BOARD_IRQS - 1] = canopy_fault_entry,
+            [15 + 4 ... 15 + BOARD_TIMER_IRQ - 1] = canopy_fault_entry,
+            IRQ(BOARD_TIMER_IRQ) = timer_alarm,
+            [15 + BOARD_TIMER_IRQ + 1 ... 15 + BOARD_IRQS - 1] = canopy_fault_entry,
         },
 };

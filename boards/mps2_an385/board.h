@@ -16,12 +16,16 @@
 #define BOARD_UART0_TRANSMIT_IRQ 1
 #define BOARD_UART1_RECEIVE_IRQ 2
 #define BOARD_UART1_TRANSMIT_IRQ 3
+#define BOARD_TIMER_BASE 0x40000000u
+#define BOARD_TIMER_IRQ 8
 #define BOARD_IRQS 32
 
 #define BOARD_WATCHDOG_BASE 0x40008000u
 
-/// Each line's rings: a whole Modbus frame of 256 bytes and the start of the next.
-#define BOARD_RING_LENGTH 512u
+/// Each line's rings. Received: a whole Modbus frame, however long the loop is away. To be sent: what the wire takes in 10 ms,
+/// longer than the loop is away, so that a frame leaves without gaps.
+#define BOARD_RECEIVE_LENGTH 256u
+#define BOARD_SEND_LENGTH 128u
 
 struct board {
     struct canopy_clock clock;
@@ -34,5 +38,9 @@ struct board board_start(uint32_t baud0, uint32_t baud1);
 
 /// From now on the board resets unless the watchdog is fed once in `period_us`, at most 171 seconds.
 void board_start_watchdog(uint32_t period_us);
+
+/// Sleeps until the clock reaches `due_us`, unless an interrupt has brought work since `seen` was read from
+/// canopy_cortexm_activity() or brings it; or until the clock's next millisecond. So T3.5 is met to the microsecond.
+void board_sleep(uint64_t due_us, uint32_t seen);
 
 #endif

@@ -1,0 +1,50 @@
+// The station on the board: the scanner on UART 0, the PLC on UART 1, both RTU 115200 8N1.
+#include "boards/mps2_an385/board.h"
+#include "lib/scan/generic.h"
+#include "lib/station/serial.h"
+#include "port/cortexm/clock.h"
+
+#ifndef STATION_GRID_M  // make build/mps2_an385/canopy-<M>x<N>.elf sets them
+#define STATION_GRID_M 20
+#define STATION_GRID_N 20
+#endif
+#define CELLS 4      // field cells a knot interval
+#define LINES 1      // lines a knot interval
+#define COLUMNS 512  // readings a profile, at most
+#define WORDS 1      // registers a height of the generic scanner
+#define BAUD 115200
+#define SCANNER_UNIT 1
+#define OUR_UNIT 1
+
+static CANOPY_ARENA_DECLARE(arena, CANOPY_SERIAL_ARENA(STATION_GRID_M, STATION_GRID_N, CELLS, LINES, COLUMNS, WORDS));
+static struct canopy_serial serial;
+
+int main(void) {
+    const struct board board = board_start(BAUD, BAUD);
+    const struct canopy_serial_config config = {
+        .clock = board.clock,
+        .scanner = {.stream = board.line[0], .baud = BAUD, .character_bits = 10, .unit = SCANNER_UNIT},
+        .plc = {.stream = board.line[1], .baud = BAUD, .character_bits = 10, .unit = OUR_UNIT},
+        .table = &canopy_profile_generic,
+        .columns = COLUMNS,
+        .timeout_us = 200000,
+        .station = {.grid = {.size = {STATION_GRID_M, STATION_GRID_N}, .cells = CELLS, .side = CANOPY_ABOVE},
+                    .lines = LINES,
+                    .clients = 1,
+                    .unit = 1.0F,
+                    .stale_after_us = 5000000,
+                    .interval_us = 1000000,
+                    .refresh_us = 500000},
+        .readings = 32,
+        .budget = 1,
+    };
+    if (canopy_serial_init(&serial, &config, arena, sizeof arena) != CANOPY_OK)
+        return 1;  // ends in a fault that says where
+    board_start_watchdog(500000);
+    for (;;) {
+        const uint32_t seen = canopy_cortexm_activity();
+        const uint64_t due_us = canopy_serial_step(&serial);
+        board.watchdog.feed(board.watchdog.context);
+        board_sleep(due_us, seen);
+    }
+}
