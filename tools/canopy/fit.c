@@ -1,0 +1,236 @@
+// canopy fit: one safe surrogate.
+
+#include <argp.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "tools/canopy/command.h"
+#include "tools/canopy/load.h"
+#include "tools/canopy/surface.h"
+#include "tools/common/number.h"
+
+static const char DOC[] =
+    "Fits a smooth surface that lies on one side of all points, proves it, and writes it as a surrogate file."
+    "\v"
+    "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # begins a "
+    "comment), .ply (ASCII or binary), or - for text on standard input.\n\n"
+    "The surface is a uniform bicubic spline with MxN coefficients over the smallest frame that holds every point. Safe means: "
+    "in exact arithmetic, at every point as the device receives it (f32: (float)(p / unit); fx: rint(p / unit)). What is "
+    "written has been checked so, from the coefficients that are written.\n\n"
+    "Prints one line: points, grid, method, unit and the most that rounding to the device's numbers moved a coordinate, mean "
+    "and largest gap in per cent of the points' height range, certified margin in input units, iterations, milliseconds of the "
+    "fit and of the certificate.\n\n"
+    "Exit status: 0 done; 2 bad input, with one line that says where and what to do, and no output file; 64 wrong usage.";
+
+enum { SIDE = 256, METHOD, SCALAR, UNIT, DIR, FIELD, FRAME };
+
+static const struct argp_option OPTIONS[] = {
+    {"grid", 'g', "MxN", 0, "coefficients along the frame's first and second axis, 4x4 to 1024x1024 (required)", 0},
+    {"side", SIDE, "above|below", 0, "the surface is above all points (default), or below", 0},
+    {"method", METHOD, "fast", 0, "how to fit (default: fast)", 0},
+    {"scalar", SCALAR, "f32|fx", 0, "the device's numbers: 32-bit float (default) or 32-bit fixed point", 0},
+    {"unit", UNIT, "U", 0,
+     "input units a device unit; default 1 for f32, for fx the power of ten that spreads the largest extent over 10^5 to 10^6 "
+     "units",
+     0},
+    {"dir", DIR, "X,Y,Z", 0, "direction from the scene to the viewer (default 0,0,1); heights are measured along it", 0},
+    {"field", FIELD, "Q", 0,
+     "fit from the bounded streaming field with Q x Q cells a knot interval, 1 to 32, as the device does, instead of from the "
+     "points",
+     0},
+    {"frame", FRAME, "FILE", 0, "use the frame (and unit) of this surrogate; a point outside it is bad input", 0},
+    {"output", 'o', "OUT.json", 0, "write the surrogate here; without it only the line is printed", 0},
+    {0}};
+
+struct arguments {
+    const char *points;
+    const char *grid;
+    const char *unit;
+    const char *dir;
+    const char *field;
+    const char *frame;
+    const char *output;
+    int side;
+    int scalar;  ///< -1: not told
+};
+
+static int one_of(struct argp_state *state, const char *option, const char *text, const char *zero, const char *one) {
+    if (strcmp(text, zero) != 0 && strcmp(text, one) != 0) {
+        argp_error(state, "--%s is %s or %s, not '%s'", option, zero, one, text);
+    }
+    return strcmp(text, one) == 0;
+}
+
+static error_t parse(int key, char *text, struct argp_state *state) {
+    struct arguments *a = state->input;
+    switch (key) {
+    case 'g': a->grid = text; return 0;
+    case 'o': a->output = text; return 0;
+    case UNIT: a->unit = text; return 0;
+    case DIR: a->dir = text; return 0;
+    case FIELD: a->field = text; return 0;
+    case FRAME: a->frame = text; return 0;
+    case SIDE: a->side = one_of(state, "side", text, "above", "below"); return 0;
+    case SCALAR: a->scalar = one_of(state, "scalar", text, "f32", "fx"); return 0;
+    case METHOD:
+        if (strcmp(text, "fast") != 0) {
+            argp_error(state, "--method is fast, not '%s'", text);
+        }
+        return 0;
+    case ARGP_KEY_ARG:
+        if (state->arg_num > 0) {
+            argp_error(state, "give one point file");
+        }
+        a->points = text;
+        return 0;
+    case ARGP_KEY_END:
+        if (!a->points || !a->grid) {
+            argp_error(state, "give a point file and --grid MxN");
+        }
+        if (a->frame && a->dir) {
+            argp_error(state, "--dir is part of --frame: give one of them");
+        }
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+/// A whole number without sign, up to 9 digits; -1 if it is none.
+static long whole(const char **text) {
+    long value = 0;
+    int digits = 0;
+    for (; **text >= '0' && **text <= '9'; ++*text) {
+        value = digits++ < 9 ? value * 10 + (**text - '0') : value;
+    }
+    return digits > 0 && digits <= 9 ? value : -1;
+}
+
+static bool read_grid(const char *text, uint16_t size[2], struct canopy_fault *fault) {
+    const char *p = text;
+    const long m = whole(&p);
+    const bool cross = *p == 'x';
+    p += cross;
+    const long n = cross ? whole(&p) : -1;
+    if (*p || m < CANOPY_SIZE_MIN || n < CANOPY_SIZE_MIN || m > CANOPY_SIZE_MAX || n > CANOPY_SIZE_MAX) {
+        return canopy_fault_set(fault, "--grid %.40s: give MxN, each from %d to %d", text, CANOPY_SIZE_MIN, CANOPY_SIZE_MAX);
+    }
+    size[0] = (uint16_t)m;
+    size[1] = (uint16_t)n;
+    return true;
+}
+
+static bool read_field(const char *text, uint16_t *cells, struct canopy_fault *fault) {
+    const char *p = text;
+    const long q = whole(&p);
+    if (*p || q < 1 || q > CANOPY_CELLS_MAX) {
+        return canopy_fault_set(fault, "--field %.40s: give a whole number of cells a knot interval from 1 to %d", text,
+                                CANOPY_CELLS_MAX);
+    }
+    *cells = (uint16_t)q;
+    return true;
+}
+
+static bool read_unit(const char *text, double *unit, struct canopy_fault *fault) {
+    const char *end = text;
+    if (canopy_number_read(text, &end, unit) != CANOPY_NUMBER_OK || *end || !(*unit > 0.0)) {
+        return canopy_fault_set(fault, "--unit %.40s: give a positive number of input units a device unit", text);
+    }
+    return true;
+}
+
+static bool read_direction(const char *text, double direction[3], struct canopy_fault *fault) {
+    const char *p = text;
+    bool ok = true;
+    for (int k = 0; ok && k < 3; k++) {
+        const char *end = p;
+        ok = canopy_number_read(p, &end, &direction[k]) == CANOPY_NUMBER_OK && *end == (k < 2 ? ',' : '\0');
+        p = end + (k < 2);
+    }
+    int32_t axes[3][3];
+    return (ok && canopy_surface_axes(direction, axes)) ||
+           canopy_fault_set(fault, "--dir %.40s: give three numbers X,Y,Z that are not all zero", text);
+}
+
+/// The frame's surrogate decides unit, axes and, if it is not told, the scalar.
+static bool read_frame(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_surface_wish *wish,
+                       struct canopy_fault *fault) {
+    if (!canopy_surrogate_read(a->frame, frame, fault)) {
+        return false;
+    }
+    if (a->unit && wish->unit != frame->unit) {
+        return canopy_fault_set(fault, "%s: its unit is %g, not that of --unit: leave --unit out", a->frame, frame->unit);
+    }
+    if (wish->size[0] != frame->size[0] || wish->size[1] != frame->size[1]) {
+        return canopy_fault_set(fault, "%s: its grid is %ux%u: give the same --grid", a->frame, frame->size[0], frame->size[1]);
+    }
+    wish->unit = frame->unit;
+    wish->scalar = a->scalar < 0 ? frame->scalar : wish->scalar;
+    wish->frame = frame;
+    return true;
+}
+
+static bool read_wish(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_surface_wish *wish,
+                      struct canopy_fault *fault) {
+    *wish = (struct canopy_surface_wish){.side = (enum canopy_side)a->side,
+                                         .scalar = a->scalar > 0 ? CANOPY_FX : CANOPY_F32,
+                                         .direction = {0.0, 0.0, 1.0}};
+    return read_grid(a->grid, wish->size, fault) && (!a->field || read_field(a->field, &wish->field, fault)) &&
+           (!a->unit || read_unit(a->unit, &wish->unit, fault)) &&
+           (!a->dir || read_direction(a->dir, wish->direction, fault)) &&
+           (!a->frame || read_frame(a, frame, wish, fault));
+}
+
+static void print_line(const struct arguments *a, const struct canopy_surface_wish *wish, const struct canopy_loaded *loaded,
+                       const struct canopy_surface_report *r) {
+    char from[32] = "";
+    if (wish->field) {
+        snprintf(from, sizeof from, " from field %u", wish->field);
+    }
+    printf("%" PRIu64 " points, %ux%u %s, fast%s, %s, unit %g (rounding loses at most %.2g), mean gap %.3f%% and max gap %.1f%% of "
+           "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
+           r->result.points, wish->size[0], wish->size[1], wish->side == CANOPY_ABOVE ? "above" : "below", from,
+           wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
+           canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->iterations, r->fit_ms, r->certificate_ms,
+           a->output ? ", " : "", a->output ? a->output : "");
+}
+
+static bool run(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_fault *fault) {
+    struct canopy_surface_wish wish;
+    struct canopy_loaded loaded;
+    if (!read_wish(a, frame, &wish, fault)) {
+        return false;
+    }
+    const struct canopy_load_wish load_wish = {.scalar = wish.scalar, .unit = wish.unit, .frame = wish.frame};
+    if (!canopy_load(a->points, &load_wish, &loaded, fault)) {
+        return false;
+    }
+    wish.unit = loaded.unit;
+    struct canopy_surrogate surrogate;
+    struct canopy_surface_report report;
+    bool ok = canopy_surface_fit(&loaded.list, &wish, &surrogate, &report, fault);
+    if (!ok) {
+        canopy_fault_prefix(fault, "%s", a->points);
+    } else {
+        ok = !a->output || canopy_surrogate_write(a->output, &surrogate, fault);
+        if (ok) {
+            print_line(a, &wish, &loaded, &report);
+        }
+        canopy_surrogate_free(&surrogate);
+    }
+    canopy_device_list_free(&loaded.list);
+    return ok;
+}
+
+int canopy_command_fit(int argc, char **argv) {
+    struct arguments arguments = {.scalar = -1};
+    const struct argp argp = {.options = OPTIONS, .parser = parse, .args_doc = "POINTS", .doc = DOC};
+    argp_parse(&argp, argc, argv, 0, NULL, &arguments);
+    struct canopy_fault fault;
+    struct canopy_surrogate frame = {0};
+    const bool ok = run(&arguments, &frame, &fault);
+    canopy_surrogate_free(&frame);
+    return ok ? CANOPY_EXIT_OK : canopy_command_fail(&fault);
+}

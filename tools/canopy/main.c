@@ -1,0 +1,73 @@
+// canopy: fits, checks, evaluates and draws safe surrogates.
+
+#include <argp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "lib/version.h"
+#include "tools/canopy/command.h"
+
+static const struct {
+    const char *name;
+    int (*run)(int argc, char **argv);
+    const char *what;
+} COMMANDS[] = {
+    {"fit", canopy_command_fit, "fit one safe surrogate to points"},
+    {"check", canopy_command_check, "is every point on the safe side? exact; exit status 0 or 1"},
+    {"eval", canopy_command_eval, "the height of the surface over each point"},
+    {"plot", canopy_command_plot, "a picture of a surrogate and its points"},
+};
+
+#define COMMAND_COUNT (sizeof COMMANDS / sizeof COMMANDS[0])
+
+static void print_help(FILE *to) {
+    fprintf(to, "Usage: canopy COMMAND ...\n"
+                "Smooth surfaces proved to lie on one side of everything scanned.\n\n");
+    for (size_t i = 0; i < COMMAND_COUNT; i++) {
+        fprintf(to, "  %-8s %s\n", COMMANDS[i].name, COMMANDS[i].what);
+    }
+    fprintf(to, "\n`canopy COMMAND --help` is the manual of a command. Exit status: 0 done, 1 not safe (check),\n"
+                "2 bad input (one line on standard error says where and what to do), 64 wrong usage.\n");
+}
+
+int canopy_command_fail(const struct canopy_fault *fault) {
+    fflush(stdout);
+    fprintf(stderr, "canopy: %s\n", fault->text);
+    return CANOPY_EXIT_INPUT;
+}
+
+/// Results that did not reach the reader of standard output are a failure too.
+static int finish(int status) {
+    if (fflush(stdout) != 0 || ferror(stdout)) {
+        fprintf(stderr, "canopy: standard output: cannot be written: give it room, or read it to the end\n");
+        return CANOPY_EXIT_INPUT;
+    }
+    return status;
+}
+
+int main(int argc, char **argv) {
+    argp_err_exit_status = CANOPY_EXIT_USAGE;
+    if (argc >= 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-?") == 0 || strcmp(argv[1], "help") == 0)) {
+        print_help(stdout);
+        return finish(CANOPY_EXIT_OK);
+    }
+    if (argc >= 2 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) {
+        puts("canopy " CANOPY_VERSION);
+        return finish(CANOPY_EXIT_OK);
+    }
+    for (size_t i = 0; argc >= 2 && i < COMMAND_COUNT; i++) {
+        if (strcmp(argv[1], COMMANDS[i].name) == 0) {
+            static char name[32];
+            snprintf(name, sizeof name, "canopy %s", COMMANDS[i].name);
+            argv[1] = name;
+            return finish(COMMANDS[i].run(argc - 1, argv + 1));
+        }
+    }
+    if (argc >= 2) {
+        fprintf(stderr, "canopy: '%s' is not a command; try `canopy --help`\n", argv[1]);
+    } else {
+        print_help(stderr);
+    }
+    return CANOPY_EXIT_USAGE;
+}
