@@ -127,6 +127,7 @@ def test_the_crc_covers_meaning_but_not_wording(made, tmp_path):
     ("101,status,", "101,heartbeat,", "twice"),
     ("101,status,", "one,status,", "not a number"),
     ("101,status,u16,1,r,", "101,status,u16,1,rw,", "can be written"),
+    ("340,cycle_max_us", "342,cycle_max_us", "a gap between cycle_us and cycle_max_us"),
     ("269x124/125", "700x124/125", "beyond 65536"),
     ("269x124/125", "269x126/125", "no series"),
     ("269x124/125", "269", "COUNTxWORDS/STRIDE"),

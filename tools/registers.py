@@ -111,6 +111,8 @@ class Map:
         need(end <= 65536, self.items[-1].line, "the map ends beyond 65536")
         for name, _, _ in self.groups:
             need(self.of(name), 1, f"group {name} is empty")
+            for a, b in zip(self.of(name), self.of(name)[1:]):
+                need(a.end == b.address, b.line, f"a gap between {a.name} and {b.name}: a group has none")
         need(all(len(self.of(name)) == 1 for name in SERIES), 1, "a series is alone in its group")
         header = self.of("envelope")
         need(header[0].name == "sequence", header[0].line, "the envelope begins with its sequence")

@@ -23,22 +23,27 @@ static bool group_in(struct canopy_plc_range range, const struct canopy_plc_grou
     return canopy_plc_overlap(range, group->address, group->end);
 }
 
-static bool group_has(struct canopy_plc_range range, const struct canopy_plc_group *group) {
-    for (uint32_t i = group->first; i < (uint32_t)group->first + group->count; i++)
-        if (entry_in(range, &canopy_plc_entries[i]))
-            return true;
-    return false;
-}
-
+// A group has no gaps: tools/registers.py sees to that.
 static bool any_register(struct canopy_plc_range range) {
     if (series_has(range, CANOPY_REGISTER_BLOCK_0, CANOPY_BLOCK_STRIDE, CANOPY_BLOCK_WORDS, CANOPY_BLOCK_MAX) ||
         series_has(range, CANOPY_REGISTER_COVERAGE_0, CANOPY_COVERAGE_STRIDE, CANOPY_COVERAGE_WORDS,
                    CANOPY_COVERAGE_MAX))
         return true;
     for (size_t g = 0; g < CANOPY_PLC_GROUPS; g++)
-        if (group_in(range, &canopy_plc_groups[g]) && group_has(range, &canopy_plc_groups[g]))
+        if (group_in(range, &canopy_plc_groups[g]))
             return true;
     return false;
+}
+
+// Whether every address of the range is a register of one group or one block: then nothing needs to be cleared.
+static bool is_solid(struct canopy_plc_range range) {
+    for (size_t g = 0; g < CANOPY_PLC_GROUPS; g++)
+        if (range.first >= canopy_plc_groups[g].address && range.end <= canopy_plc_groups[g].end)
+            return true;
+    const uint32_t count = range.end - range.first;
+    if (range.first >= CANOPY_REGISTER_BLOCK_0)
+        return (range.first - CANOPY_REGISTER_BLOCK_0) % CANOPY_BLOCK_STRIDE + count <= CANOPY_BLOCK_WORDS;
+    return range.first >= CANOPY_REGISTER_COVERAGE_0 && range.end <= CANOPY_REGISTER_COVERAGE_0 + CANOPY_COVERAGE_WORDS;
 }
 
 uint8_t canopy_plc_readable(void *plc, uint8_t client, uint16_t address, uint16_t count) {
@@ -126,8 +131,8 @@ static void read_group(const struct canopy_plc_group *group, const union image *
                        uint8_t *to) {
     for (uint32_t i = group->first; i < (uint32_t)group->first + group->count; i++) {
         const struct canopy_plc_entry *entry = &canopy_plc_entries[i];
-        if (!entry_in(range, entry))
-            continue;
+        if (entry->address >= range.end)
+            return;
         for (uint32_t word = 0; word < entry->words; word++) {
             const uint32_t address = entry->address + word;
             if (address >= range.first && address < range.end)
@@ -149,18 +154,48 @@ struct blocks {
 
 static uint32_t sequence_of(const struct blocks *from, bool exists) { return exists ? from->snapshot->sequence : 0; }
 
+// Item `item` of coefficient block k: its sequence, then its coefficients.
+static uint32_t block_item(const struct blocks *from, uint32_t k, uint32_t item) {
+    const uint32_t before = k * CANOPY_PLC_BLOCK_COEFFICIENTS, index = before + item - 1;
+    if (item == 0)
+        return sequence_of(from, before < from->coefficients);
+    return index < from->coefficients ? (uint32_t)from->snapshot->envelope.coefficients[index] : from->extreme;
+}
+
+static uint8_t *put_pair(uint8_t *to, uint32_t value) {
+    canopy_plc_put(to, (uint16_t)(value >> 16));
+    canopy_plc_put(to + 2, (uint16_t)value);
+    return to + 4;
+}
+
+// Items [item, end) of coefficient block k, whole. Most of what a PLC ever reads passes through here.
+static uint8_t *put_items(const struct blocks *from, uint32_t k, uint32_t item, uint32_t end, uint8_t *to) {
+    const uint32_t before = k * CANOPY_PLC_BLOCK_COEFFICIENTS;
+    if (item == 0 && item < end)
+        to = put_pair(to, block_item(from, k, item++));
+    if (before + item - 1 < from->coefficients && item < end) {
+        const int32_t *next = from->snapshot->envelope.coefficients + before + item - 1;
+        const uint32_t left = from->coefficients - (before + item - 1);
+        const int32_t *const stop = next + (end - item < left ? end - item : left);
+        item += (uint32_t)(stop - next);
+        while (next < stop)
+            to = put_pair(to, (uint32_t)*next++);
+    }
+    for (; item < end; item++)
+        to = put_pair(to, from->extreme);
+    return to;
+}
+
 // Registers [first, end) of coefficient block k.
 static void read_block(const struct blocks *from, uint32_t k, uint32_t first, uint32_t end, uint8_t *to) {
-    const uint32_t before = k * CANOPY_PLC_BLOCK_COEFFICIENTS;
-    for (uint32_t word = first; word < end; word++, to += 2) {
-        const uint32_t index = before + word / 2 - 1;
-        uint32_t value = from->extreme;
-        if (word < 2)
-            value = sequence_of(from, before < from->coefficients);
-        else if (index < from->coefficients)
-            value = (uint32_t)from->snapshot->envelope.coefficients[index];
-        canopy_plc_put(to, half(value, word));
+    if (first & 1U) {
+        canopy_plc_put(to, (uint16_t)block_item(from, k, first / 2));
+        to += 2;
+        first++;
     }
+    to = put_items(from, k, first / 2, end / 2, to);
+    if ((end & 1U) && first < end)
+        canopy_plc_put(to, (uint16_t)(block_item(from, k, end / 2) >> 16));
 }
 
 // The 16 cells from `cell` on as bits; the bytes end with the last cell.
@@ -228,7 +263,8 @@ uint8_t canopy_plc_read(void *plc, uint8_t client, uint16_t address, uint16_t co
     if (exception != CANOPY_MODBUS_NO_EXCEPTION)
         return exception;
     const struct canopy_plc_range range = {address, (uint32_t)address + count};
-    memset(to, 0, 2U * (size_t)count);
+    if (!is_solid(range))
+        memset(to, 0, 2U * (size_t)count);
     const struct canopy_plc_slot *snapshot = held(range) ? canopy_plc_hold(it, client, range) : NULL;
     for (size_t g = 0; g < CANOPY_PLC_GROUPS && range.first < canopy_plc_groups[CANOPY_PLC_GROUPS - 1].end; g++)
         if (group_in(range, &canopy_plc_groups[g])) {
