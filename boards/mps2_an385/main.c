@@ -2,7 +2,9 @@
 #include "boards/mps2_an385/board.h"
 #include "lib/scan/generic.h"
 #include "lib/station/serial.h"
+#include "lib/version.h"
 #include "port/cortexm/clock.h"
+#include "port/cortexm/fault.h"
 
 #ifndef STATION_GRID_M  // make build/mps2_an385/canopy-<M>x<N>.elf sets them
 #define STATION_GRID_M 20
@@ -15,19 +17,35 @@
 #define BAUD 115200
 #define SCANNER_UNIT 1
 #define OUR_UNIT 1
+#define TIMEOUT_US 500000    // of a request to the scanner: longer than any answer takes
+#define WATCHDOG_US 2000000  // a cycle takes 10 ms at most
 
 static CANOPY_ARENA_DECLARE(arena, CANOPY_SERIAL_ARENA(STATION_GRID_M, STATION_GRID_N, CELLS, LINES, COLUMNS, WORDS));
 static struct canopy_serial serial;
 
+static void say(const char *text) {
+    while (*text != '\0')
+        canopy_fault_put(*text++);
+}
+
+// For who looks at the console: that it starts, and whether the run before ended in a fault, of which the fault handler
+// has already said where.
+static void introduce(void) {
+    say("canopy " CANOPY_VERSION);
+    say(canopy_fault_last() != NULL ? " starts after a fault\r\n" : " starts\r\n");
+    canopy_fault_forget();
+}
+
 int main(void) {
     const struct board board = board_start(BAUD, BAUD);
+    introduce();
     const struct canopy_serial_config config = {
         .clock = board.clock,
         .scanner = {.stream = board.line[0], .baud = BAUD, .character_bits = 10, .unit = SCANNER_UNIT},
         .plc = {.stream = board.line[1], .baud = BAUD, .character_bits = 10, .unit = OUR_UNIT},
         .table = &canopy_profile_generic,
         .columns = COLUMNS,
-        .timeout_us = 200000,
+        .timeout_us = TIMEOUT_US,
         .station = {.grid = {.size = {STATION_GRID_M, STATION_GRID_N}, .cells = CELLS, .side = CANOPY_ABOVE},
                     .lines = LINES,
                     .clients = 1,
@@ -40,7 +58,7 @@ int main(void) {
     };
     if (canopy_serial_init(&serial, &config, arena, sizeof arena) != CANOPY_OK)
         return 1;  // ends in a fault that says where
-    board_start_watchdog(500000);
+    board_start_watchdog(WATCHDOG_US);
     for (;;) {
         const uint32_t seen = canopy_cortexm_activity();
         const uint64_t due_us = canopy_serial_step(&serial);

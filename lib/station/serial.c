@@ -77,26 +77,18 @@ static void serve_plc(struct canopy_serial *serial) {
 
 // ---- The scanner's line
 
-static void begin_scene(struct canopy_serial *serial) {
-    const struct canopy_profile_scene *scene = canopy_profile_scene(&serial->driver);
-    if (scene == NULL) {
-        return;
-    }
-    struct canopy_station *station = &serial->station;
-    struct canopy_frame frame;
-    if (scene->unit == station->config.unit) {
-        (void)canopy_station_begin_box(station, scene->low, scene->high);  // the scene is refused: nothing is accepted
-    } else if (canopy_frame_around_fx(&frame, &station->config.grid, scene->low, scene->high) == CANOPY_OK) {
-        // Device units mean something else now: begin anew whatever the frame. The unit is shown with the next envelope.
-        (void)canopy_station_begin(station, &frame);
-        station->config.unit = scene->unit;
-        station->plc.config.unit = scene->unit;
-    }
-}
-
 static void take_event(struct canopy_serial *serial, enum canopy_scan_event event) {
-    if (event == CANOPY_SCAN_SCENE) {
-        begin_scene(serial);
+    switch (event) {
+    case CANOPY_SCAN_PROFILE: serial->bad = false; break;
+    case CANOPY_SCAN_SCENE:
+        // Without a frame for it nothing of it is accepted: as bad as a description that makes no sense.
+        serial->bad = serial->config.frame == NULL &&
+                      canopy_station_begin_scene(&serial->station, canopy_profile_scene(&serial->driver)) != CANOPY_OK;
+        break;
+    case CANOPY_SCAN_REFUSED:
+    case CANOPY_SCAN_STALE:
+    case CANOPY_SCAN_DROPPED: serial->bad = true; break;
+    default: break;
     }
     serial->station.scan_errors = canopy_profile_errors(&serial->driver);
 }
@@ -160,7 +152,7 @@ static void poll_scanner(struct canopy_serial *serial) {
     if (count > 0) {
         canopy_modbus_rtu_client_sent(&serial->client, line->write(line->context, pending, count), time_of(serial));
     }
-    serial->station.sensor_faults = canopy_profile_stale(&serial->driver, now_us) ? 1U : 0U;
+    serial->station.sensor_faults = serial->bad || canopy_profile_stale(&serial->driver, now_us) ? 1U : 0U;
 }
 
 // ---- The cycle

@@ -56,6 +56,7 @@ struct canopy_serial {
     uint32_t client_errors;  // when the client was asked
     uint16_t column;         // of the profile being taken
     bool asked;
+    bool bad;  // the scanner's last profile or description did not come or made no sense
 };
 
 /// Makes a device that waits for its scanner. `arena`: CANOPY_SERIAL_ARENA bytes, aligned to 8, the device's as long as
