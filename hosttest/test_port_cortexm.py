@@ -1,42 +1,21 @@
 """The Cortex-M port on the emulated board: lines, clock, faults, watchdog, instruction counter."""
 
-import os
 import random
-import socket
 import subprocess
 import time
-from pathlib import Path
 
 import pytest
 
 import bench_firmware
-
-BUILD = Path(os.environ.get("CANOPY_BUILD", "build"))
-IMAGES = BUILD / "mps2_an385"
+from emulator import IMAGES, Emulator
 
 
-class Board:
-    """A running emulator with its three serial lines as sockets."""
+class Board(Emulator):
+    """The emulator running port.elf, which takes orders on line 0 and echoes line 1."""
 
-    def __init__(self, image, scratch):
-        paths = [scratch / f"line{i}" for i in range(3)]
-        serials = [word for path in paths for word in ("-serial", f"unix:{path},server=on,wait=on")]
-        self.process = subprocess.Popen(["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none",
-                                         *serials, "-kernel", str(image)], stdin=subprocess.DEVNULL)
-        self.lines = [self.connect(path) for path in paths]
+    def __init__(self, scratch):
+        super().__init__("port.elf", scratch)
         assert self.answer() == "started"
-
-    @staticmethod
-    def connect(path):
-        line = socket.socket(socket.AF_UNIX)
-        line.settimeout(20)
-        for _ in range(200):
-            try:
-                line.connect(str(path))
-                return line
-            except OSError:
-                time.sleep(0.05)
-        raise RuntimeError(f"the emulator does not offer {path}")
 
     def answer(self, line=0):
         text = b""
@@ -59,16 +38,10 @@ class Board:
                                   for name, word in zip(names, self.ask("r").split()))))
         return console, record
 
-    def close(self):
-        self.process.kill()
-        self.process.wait()
-        for line in self.lines:
-            line.close()
-
 
 @pytest.fixture
 def board(tmp_path):
-    running = Board(IMAGES / "port.elf", tmp_path)
+    running = Board(tmp_path)
     yield running
     running.close()
 

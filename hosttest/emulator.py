@@ -1,0 +1,40 @@
+"""A running emulated board with its serial lines as sockets, for tests against firmware."""
+
+import os
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+BUILD = Path(os.environ.get("CANOPY_BUILD", "build"))
+IMAGES = BUILD / "mps2_an385"
+
+
+class Emulator:
+    """Lines 0 and 1 are the board's, 2 is its console."""
+
+    def __init__(self, image, scratch):
+        paths = [scratch / f"line{i}" for i in range(3)]
+        serials = [word for path in paths for word in ("-serial", f"unix:{path},server=on,wait=on")]
+        self.process = subprocess.Popen(["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none",
+                                         *serials, "-kernel", str(IMAGES / image)],
+                                        stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.lines = [self.connect(path) for path in paths]
+
+    @staticmethod
+    def connect(path):
+        line = socket.socket(socket.AF_UNIX)
+        line.settimeout(20)
+        for _ in range(200):
+            try:
+                line.connect(str(path))
+                return line
+            except OSError:
+                time.sleep(0.05)
+        raise RuntimeError(f"the emulator does not offer {path}")
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        for line in self.lines:
+            line.close()

@@ -1,0 +1,190 @@
+"""The station's firmware on the emulated board, between a scanner and a PLC that the test plays."""
+
+import json
+import math
+import time
+from fractions import Fraction
+
+import pytest
+
+from emulator import BUILD, Emulator
+from rtu import Client, NoAnswer, Registers, Scanner, crc
+
+# runs alone: the board's time is the host's
+
+VALID, INTRUSION, STALE = 1, 2, 4
+
+
+def hills(count, columns, missing=lambda i, j: False):
+    def height(i, j):
+        return round(3000 + 1500 * math.sin(i / 7) * math.cos(j / 5) + (900 if (i * 31 + j * 17) % 97 == 0 else 0))
+    return [(250 * i - 4000, [None if missing(i, j) else height(i, j) for j in range(columns)]) for i in range(count)]
+
+
+class Device:
+    def __init__(self, image, scratch):
+        self.emulator = Emulator(image, scratch)
+        self.client = Client(self.emulator.lines[1])
+        self.registers = Registers(self.client, json.loads((BUILD / "registers.json").read_text()))
+        self.scanner = None
+
+    def scan(self, profiles, **options):
+        self.scanner = Scanner(self.emulator.lines[0], profiles, **options)
+        self.scanner.start()
+        return self.scanner
+
+    def wait(self, name, condition, seconds=40):
+        end = time.monotonic() + seconds
+        value = self.registers[name]
+        while not condition(value):
+            assert time.monotonic() < end, f"{name} stays {value}"
+            time.sleep(0.05)
+            value = self.registers[name]
+        return value
+
+    def close(self):
+        if self.scanner:
+            self.scanner.running = False
+            self.scanner.join()
+        self.emulator.close()
+
+
+@pytest.fixture(params=["canopy.elf", "canopy-10x10.elf"])
+def device(request, tmp_path):
+    made = Device(request.param, tmp_path)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def big(tmp_path):
+    made = Device("canopy.elf", tmp_path)
+    yield made
+    made.close()
+
+
+def weights(position, pitch, size):
+    """The four coefficients and weights of the uniform cubic B-spline at an integer position, exactly."""
+    interval = min(position // pitch, size - 2)
+    t = Fraction(position - interval * pitch, pitch)
+    values = ((1 - t) ** 3, 3 * t ** 3 - 6 * t ** 2 + 4, -3 * t ** 3 + 3 * t ** 2 + 3 * t + 1, t ** 3)
+    return [(min(max(interval - 1 + k, 0), size - 1), value / 6) for k, value in enumerate(values)]
+
+
+def gaps(envelope, points):
+    """S - z at every point, exactly, in device units."""
+    m, n, lsb = envelope["grid_m"], envelope["grid_n"], Fraction(envelope["lsb"])
+    for x, y, z in points:
+        wu = weights(x - envelope["origin_x"], envelope["pitch_u"], m)
+        wv = weights(y - envelope["origin_y"], envelope["pitch_v"], n)
+        surface = sum(a * b * envelope["coefficients"][i * n + j] for i, a in wu for j, b in wv) * lsb
+        yield surface + envelope["origin_z"] - z
+
+
+def test_a_sweep_becomes_a_safe_envelope(device):
+    scanner = device.scan(hills(60, 90, missing=lambda i, j: (i + j) % 11 == 0 or 20 < i < 26 and j > 70))
+    points = scanner.points()
+    device.wait("points", lambda count: count == len(points))
+    assert device.registers["status"] & (VALID | INTRUSION) == VALID
+    envelope = device.registers.envelope()
+    assert envelope["points"] == len(points)
+    assert envelope["margin"] >= 0
+    found = list(gaps(envelope, points))
+    assert min(found) >= 0
+    loosest = {20: 0.25, 10: 0.6}[envelope["grid_m"]]  # ten intervals cannot follow these hills
+    assert sum(found) / len(found) < loosest * (max(z for *_, z in points) - min(z for *_, z in points))
+    assert device.registers["points_rejected"] == 0
+    for counter in ("profiles_missed", "profiles_torn", "profiles_short", "profiles_refused", "lost_bytes"):
+        assert device.registers[counter] == 0
+
+
+def test_the_plc_is_answered_while_the_scanner_is_silent(big):
+    big.scan(hills(20, 30))
+    big.wait("points", lambda count: count == 600)
+    big.scanner.running = False
+    big.scanner.join()
+    before = big.registers.envelope()
+    big.wait("status", lambda status: status & STALE, seconds=15)
+    assert big.registers["status"] & VALID == 0
+    assert big.registers["age_ms"] > 5000
+    assert big.registers["sensor_faults"] == 1
+    after = big.registers.envelope()
+    assert after["coefficients"] == before["coefficients"], "the last envelope stays readable"
+    first = big.registers["heartbeat"]
+    assert big.registers["heartbeat"] != first
+
+
+def test_wrong_checksums_silence_and_short_frames_are_counted_and_overcome(big):
+    count = 0
+
+    def mischief(reply):
+        nonlocal count
+        count += 1
+        if count % 7 == 3:
+            return reply[:-1] + bytes([reply[-1] ^ 1])
+        if count % 11 == 5:
+            return None
+        if count % 13 == 6:
+            return reply[:-3]
+        return reply
+
+    scanner = big.scan(hills(12, 60), mischief=mischief)
+    big.wait("profiles", lambda profiles: profiles >= 5, seconds=60)
+    big.wait("sequence", lambda sequence: sequence > 0)
+    assert big.registers["scan_errors"] > 0
+    scanner.mischief = lambda reply: reply
+    big.wait("publications", lambda publications: publications >= 2)
+    envelope = big.registers.envelope()
+    assert envelope["points"] % 60 == 0, "a broken profile never enters in part"
+    assert big.registers["uptime_s"] >= 1, "never a reset"
+
+
+def test_noise_on_the_plc_line_is_counted_and_the_next_request_answered(big):
+    big.scan(hills(10, 20))
+    big.wait("points", lambda count: count == 200)
+    errors = big.registers["rx_errors"]
+    for noise in (b"\x00", bytes(range(200)), b"\x01\x03\x00\x00\x00", b"\xff" * 600, b"\x01\x03\x00\x00\x00\x02\x00\x00"):
+        big.emulator.lines[1].sendall(noise)
+        time.sleep(0.15)
+    assert big.registers["magic"] == 0x434E5059
+    assert big.registers["rx_errors"] > errors
+    # an absent neighbour was polled and is silent
+    request = b"\x09\x03\x00\x00\x00\x02"
+    big.emulator.lines[1].sendall(request + crc(request))
+    time.sleep(0.15)
+    assert big.registers["magic"] == 0x434E5059
+
+
+def test_illegal_requests_get_their_exceptions(big):
+    for pdu, answer in ((b"\x2a\x00", b"\xaa\x01"), (b"\x03\xff\xf0\x00\x05", b"\x83\x02"),
+                        (b"\x03\x00\x00\x00\x7e", b"\x83\x03"), (b"\x06\x00\xb4\x00\x01", b"\x86\x02")):
+        assert big.client.exchange(pdu, len(answer)) == answer
+    with pytest.raises(NoAnswer):
+        Client(big.emulator.lines[1], unit=9, timeout=0.3).read(0, 1)
+
+
+def test_a_later_higher_reading_is_an_intrusion_until_it_is_covered(big):
+    """The scene's box has room for a tower that the first sweep does not show; readings beyond the envelope must be
+    flagged before the next publication covers them."""
+    low = [(y, [z - 1000 for z in row]) for y, row in hills(30, 40)]
+    tower = [(low[12][0], [6000] * 40)]
+    scanner = Scanner(big.emulator.lines[0], low + tower)
+    scanner.limit = len(low)
+    big.scanner = scanner
+    scanner.start()
+    big.wait("points", lambda count: count == len(scanner.points(len(low))))
+    assert big.registers["intrusions"] == 0
+    assert min(gaps(big.registers.envelope(), scanner.points(len(low)))) >= 0
+    scanner.limit += 1
+    big.wait("intrusions", lambda intrusions: intrusions == 40)
+    big.wait("points", lambda count: count == len(scanner.points()))
+    assert big.registers["status"] & (VALID | INTRUSION) == VALID
+    assert min(gaps(big.registers.envelope(), scanner.points())) >= 0
+
+
+def test_a_restart_command_forgets_the_scene(big):
+    big.scan(hills(10, 20))
+    big.wait("points", lambda count: count == 200)
+    assert big.client.write(big.registers.table["command"]["address"], [2])[0] == 16
+    assert big.registers["status"] & VALID == 0
+    assert (big.registers["sequence"], big.registers["points"], big.registers["coverage_pct"]) == (0, 0, 0)
