@@ -87,6 +87,7 @@ static void start(void) {
         for (uint32_t k = 0; k < M * N; k++)
             to->coefficients[k] = coefficient(k);
         memset(to->coverage, 0, CANOPY_COVERAGE_BYTES(M, N));
+        to->coverage[CANOPY_COVERAGE_BYTES(M, N) - 1] = 0xC0;  // beyond the last cell: must not be shown
         for (uint32_t k = 0; k < (M - 1) * (N - 1); k++)
             if (covered(k))
                 to->coverage[k / 8] |= (uint8_t)(1U << (k % 8));
