@@ -230,7 +230,7 @@ lint-cppcheck: $(GENERATED) | setup-lint
 	    -Iboards/mps2_an385 $(filter %.c,$(C_FILES)) && echo "cppcheck: $(words $(filter %.c,$(C_FILES))) files"
 
 COVERAGE := $(BUILD)/coverage
-$(eval $(call variant,$(COVERAGE),gcc,--coverage,$(WARN_GCC),run_cmocka,-lcmocka))
+$(eval $(call variant,$(COVERAGE),gcc,--coverage,$(WARN_SANITIZED),run_cmocka,-lcmocka))
 .PHONY: coverage
 coverage: $(addprefix $(COVERAGE)/,$(UNIT_NAMES) $(HOSTTEST_NAMES)) | setup-coverage  ## what the C tests reach: build/coverage/index.html
 	@find $(COVERAGE) -name '*.gcda' -delete
