@@ -16,48 +16,7 @@ static const struct {
               {19200, B19200},   {38400, B38400},   {57600, B57600},   {115200, B115200},
               {230400, B230400}, {460800, B460800}, {921600, B921600}, {1000000, B1000000}};
 
-static bool number(const char *text, unsigned long low, unsigned long high, unsigned long *to) {
-    char *end = NULL;
-    errno = 0;
-    *to = strtoul(text, &end, 10);
-    return text[0] >= '0' && text[0] <= '9' && *end == '\0' && errno == 0 && *to >= low && *to <= high;
-}
-
-bool line_parse(const char *text, struct line_options *options, struct canopy_fault *fault) {
-    *options = (struct line_options){.baud = 115200, .parity = 'E', .stop_bits = 1, .unit = 1};
-    char copy[512], *rest = copy;
-    if (snprintf(copy, sizeof copy, "%s", text) >= (int)sizeof copy)
-        return canopy_fault_set(fault, "--rtu %.40s…: too long", text);
-    const char *path = strsep(&rest, ","), *baud = strsep(&rest, ","), *format = strsep(&rest, ","), *unit = rest;
-    unsigned long value = 0;
-    if (path[0] == '\0' || strlen(path) >= sizeof options->path)
-        return canopy_fault_set(fault, "--rtu %s: give PATH[,BAUD[,8E1[,UNIT]]]", text);
-    memcpy(options->path, path, strlen(path) + 1);
-    if (baud != NULL) {
-        if (!number(baud, 1200, 1000000, &value))
-            return canopy_fault_set(fault, "--rtu %s: '%s' is no baud rate from 1200 to 1000000", text, baud);
-        options->baud = (uint32_t)value;
-    }
-    if (format != NULL) {
-        if (strlen(format) != 3 || format[0] != '8' || strchr("NEO", format[1]) == NULL ||
-            strchr("12", format[2]) == NULL)
-            return canopy_fault_set(fault, "--rtu %s: '%s' is none of 8E1, 8O1, 8N1, 8N2, …", text, format);
-        options->parity = format[1];
-        options->stop_bits = (uint8_t)(format[2] - '0');
-    }
-    if (unit != NULL) {
-        if (!number(unit, 1, 247, &value))
-            return canopy_fault_set(fault, "--rtu %s: '%s' is no unit from 1 to 247", text, unit);
-        options->unit = (uint8_t)value;
-    }
-    return true;
-}
-
-unsigned line_character_bits(const struct line_options *options) {
-    return 9u + (options->parity != 'N') + options->stop_bits;
-}
-
-static bool make_raw(int file, const struct line_options *options) {
+static bool make_raw(int file, const struct canopy_wire_line *options) {
     struct termios mode;
     speed_t speed = B115200;
     for (size_t i = 0; i < sizeof speeds / sizeof speeds[0]; i++)
@@ -77,7 +36,7 @@ static bool make_raw(int file, const struct line_options *options) {
     return cfsetspeed(&mode, speed) == 0 && tcsetattr(file, TCSANOW, &mode) == 0;
 }
 
-static bool open_device(const struct line_options *options, struct line *line, struct canopy_fault *fault) {
+static bool open_device(const struct canopy_wire_line *options, struct line *line, struct canopy_fault *fault) {
     line->file = open(options->path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
     if (line->file < 0)
         return canopy_fault_set(fault, "%s: %s", options->path, strerror(errno));
@@ -101,7 +60,7 @@ static bool place_link(const char *path, struct line *line, struct canopy_fault 
     return true;
 }
 
-static bool open_pty(const struct line_options *options, struct line *line, struct canopy_fault *fault) {
+static bool open_pty(const struct canopy_wire_line *options, struct line *line, struct canopy_fault *fault) {
     line->file = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
     if (line->file < 0 || grantpt(line->file) != 0 || unlockpt(line->file) != 0 ||
         ptsname_r(line->file, line->device, sizeof line->device) != 0 ||
@@ -127,7 +86,7 @@ static bool is_device(const char *path) {
     return stat(path, &info) == 0 && S_ISCHR(info.st_mode);
 }
 
-bool line_open(const struct line_options *options, struct line *line, struct canopy_fault *fault) {
+bool line_open(const struct canopy_wire_line *options, struct line *line, struct canopy_fault *fault) {
     *line = (struct line){.file = -1, .keeper = -1};
     return is_device(options->path) ? open_device(options, line, fault) : open_pty(options, line, fault);
 }

@@ -6,14 +6,7 @@
 #include <stdint.h>
 
 #include "tools/common/fault.h"
-
-struct line_options {
-    char path[256];
-    uint32_t baud;
-    char parity;        ///< 'N', 'E', 'O'
-    uint8_t stop_bits;  ///< 1, 2
-    uint8_t unit;
-};
+#include "tools/common/wire.h"
 
 struct line {
     int file;          ///< non-blocking
@@ -22,17 +15,11 @@ struct line {
     char link[256];    ///< symbolic link that stands for it, "" if none
 };
 
-/// PATH[,BAUD[,8E1[,UNIT]]]: 115200, 8E1 and unit 1 unless told.
-bool line_parse(const char *text, struct line_options *options, struct canopy_fault *fault);
-
 /// Opens `path` as a device if it is a character device, else makes a pseudo-terminal and, unless `path` is "pty", a
 /// symbolic link of that name to it. A link that an earlier run left is replaced; any other file is not.
-bool line_open(const struct line_options *options, struct line *line, struct canopy_fault *fault);
+bool line_open(const struct canopy_wire_line *options, struct line *line, struct canopy_fault *fault);
 
 /// Closes and removes the link.
 void line_close(struct line *line);
-
-/// Bits of a character on the wire: start, data, parity, stop.
-unsigned line_character_bits(const struct line_options *options);
 
 #endif

@@ -28,7 +28,7 @@ struct arguments {
 enum key {
     KEY_RTU = 0x100,
     KEY_TCP,
-    KEY_UNIT_ID,
+
     KEY_PACE,
     KEY_PROFILES,
     KEY_COLUMNS,
@@ -64,8 +64,8 @@ static const struct argp_option table[] = {
      "name); "
      "115200, 8E1 and unit 1 unless told",
      1},
-    {"tcp", KEY_TCP, "HOST:PORT", 0, "Modbus TCP; port 0 takes a free one and prints it", 1},
-    {"unit-id", KEY_UNIT_ID, "N", 0, "Modbus unit on TCP (1); 0 and 255 are always answered", 1},
+    {"tcp", KEY_TCP, "HOST:PORT[,UNIT]", 0,
+     "Modbus TCP; port 0 takes a free one and prints it; units 0, 255 and UNIT (1) are answered", 1},
     {"pace", KEY_PACE, NULL, 0, "bytes take on the line the time that the baud rate says", 1},
     {NULL, 0, NULL, 0, "The sweep:", 2},
     {"profiles", KEY_PROFILES, "N", 0, "lines across the scene (the points' own lattice, or what suits their number)",
@@ -217,27 +217,18 @@ static bool take_sweep(struct arguments *a, int key, char *text, struct canopy_f
     return true;
 }
 
-static bool take_unit_id(struct arguments *a, const char *text, struct canopy_fault *fault) {
-    uint32_t value = 0;
-    if (!whole32("unit-id", text, 1, 247, &value, fault))
-        return false;
-    a->serve.unit = (uint8_t)value;
-    return true;
-}
-
 // Options of the wires.
 static bool take_serve(struct arguments *a, int key, char *text, struct canopy_fault *fault) {
     struct mischief_options *mischief = &a->serve.mischief;
     switch (key) {
-    case KEY_RTU: a->serve.rtu = true; return line_parse(text, &a->serve.line, fault);
-    case KEY_UNIT_ID: return take_unit_id(a, text, fault);
+    case KEY_RTU: a->serve.rtu = true; return canopy_wire_line_parse(text, &a->serve.line, fault);
     case KEY_BAD_CRC: return chance("bad-crc", text, &mischief->bad_crc, fault);
     case KEY_TRUNCATE: return chance("truncate", text, &mischief->truncate, fault);
     case KEY_SILENCE: return silence(mischief, text, fault);
     case KEY_EXCEPTION: return chance("exception", text, &mischief->exception, fault);
     case KEY_GARBAGE: return chance("garbage", text, &mischief->garbage, fault);
     case KEY_DELAY: return delay(mischief, text, fault);
-    case KEY_TCP: a->serve.tcp = text; break;
+    case KEY_TCP: a->serve.tcp = true; return canopy_wire_tcp_parse(text, &a->serve.address, fault);
     case KEY_PACE: a->serve.pace = true; break;
     default: return take_sweep(a, key, text, fault);
     }
@@ -253,7 +244,7 @@ static error_t take(int key, char *text, struct argp_state *state) {
     } else if (key == ARGP_KEY_END) {
         if (a->points == NULL)
             argp_error(state, "give a point file");
-        if (!a->serve.rtu && a->serve.tcp == NULL)
+        if (!a->serve.rtu && !a->serve.tcp)
             argp_error(state, "give --rtu or --tcp");
     } else if (key < KEY_RTU) {
         return ARGP_ERR_UNKNOWN;
@@ -397,7 +388,7 @@ static int serve_logged(const struct arguments *a, struct canopy_sweep *sweep) {
 }
 
 int main(int argc, char **argv) {
-    static struct arguments a = {.sweep.seed = 1, .serve.unit = 1};
+    static struct arguments a = {.sweep.seed = 1};
     static const struct argp parser = {.options = table, .parser = take, .args_doc = "POINTS", .doc = manual};
     argp_program_version = "canopy-scanner " CANOPY_VERSION;
     argp_err_exit_status = EXIT_USAGE;

@@ -141,7 +141,7 @@ static bool open_line(struct server *server, struct canopy_fault *fault) {
         .silence_us = paced ? canopy_modbus_rtu_silence_us(o->line.baud) : UNPACED_SILENCE_US};
     if (canopy_modbus_rtu_server_init(&server->engine, &config) != CANOPY_OK)
         return canopy_fault_set(fault, "%s: the line cannot be served", o->line.path);
-    server->outbox.byte_us = paced ? 1e6 * line_character_bits(&o->line) / o->line.baud : 0;
+    server->outbox.byte_us = paced ? 1e6 * canopy_wire_character_bits(&o->line) / o->line.baud : 0;
     return true;
 }
 
@@ -163,7 +163,7 @@ static void accept_one(struct server *server) {
         if (connection->file >= 0)
             continue;
         const struct canopy_modbus_tcp_server_config config = {
-            .bank = &server->bank, .unit = server->options.unit, .client = (uint8_t)(i + 1)};
+            .bank = &server->bank, .unit = server->options.address.unit, .client = (uint8_t)(i + 1)};
         canopy_modbus_tcp_server_init(&connection->engine, &config);
         canopy_sweep_forget(server->sweep, (uint8_t)(i + 1));
         connection->file = file;
@@ -198,22 +198,6 @@ static void connection_input(struct server *server, struct connection *connectio
         disconnect(connection);
 }
 
-// HOST:PORT, or [HOST]:PORT; an empty host is every address of this machine.
-static bool split_address(const char *text, char *host, size_t room, const char **port, struct canopy_fault *fault) {
-    const char *colon = strrchr(text, ':');
-    if (colon == NULL || colon[1] == '\0' || (size_t)(colon - text) >= room)
-        return canopy_fault_set(fault, "--tcp %s: give HOST:PORT", text);
-    size_t length = (size_t)(colon - text);
-    if (length >= 2 && text[0] == '[' && text[length - 1] == ']') {
-        text++;
-        length -= 2;
-    }
-    memcpy(host, text, length);
-    host[length] = '\0';
-    *port = colon + 1;
-    return true;
-}
-
 static int listen_on(const struct addrinfo *where) {
     const int file = socket(where->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0), yes = 1;
     if (file < 0)
@@ -228,19 +212,16 @@ static int listen_on(const struct addrinfo *where) {
 }
 
 static bool open_listener(struct server *server, struct canopy_fault *fault) {
-    const char *text = server->options.tcp, *port = NULL;
-    char host[128];
-    if (!split_address(text, host, sizeof host, &port, fault))
-        return false;
+    const char *host = server->options.address.host, *port = server->options.address.port;
     const struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV};
     struct addrinfo *found = NULL;
     const int error = getaddrinfo(host[0] == '\0' ? NULL : host, port, &hints, &found);
     if (error != 0)
-        return canopy_fault_set(fault, "--tcp %s: %s", text, gai_strerror(error));
+        return canopy_fault_set(fault, "--tcp %s:%s: %s", host, port, gai_strerror(error));
     server->listener = listen_on(found);
     freeaddrinfo(found);
     if (server->listener < 0)
-        return canopy_fault_set(fault, "--tcp %s: %s", text, strerror(errno));
+        return canopy_fault_set(fault, "--tcp %s:%s: %s", host, port, strerror(errno));
     struct sockaddr_storage bound;
     socklen_t length = sizeof bound;
     char number[16] = "";
@@ -268,7 +249,7 @@ struct server *serve_open(const struct serve_options *options, struct canopy_swe
         .context = server, .read = bank_read, .write = bank_write, .identify = bank_identify};
     for (int i = 0; i < CONNECTIONS; i++)
         server->connections[i].file = -1;
-    if ((!options->rtu || open_line(server, fault)) && (options->tcp == NULL || open_listener(server, fault)))
+    if ((!options->rtu || open_line(server, fault)) && (!options->tcp || open_listener(server, fault)))
         return server;
     serve_close(server);
     return NULL;

@@ -12,10 +12,10 @@
 
 struct serve_options {
     bool rtu;
-    struct line_options line;
-    bool pace;        ///< bytes take their time at the line's baud rate
-    const char *tcp;  ///< HOST:PORT, NULL: none
-    uint8_t unit;     ///< on TCP; the line has its own
+    struct canopy_wire_line line;
+    bool pace;  ///< bytes take their time at the line's baud rate
+    bool tcp;
+    struct canopy_wire_tcp address;  ///< its unit is that of TCP
     struct mischief_options mischief;
     uint64_t mischief_seed;
 };
