@@ -55,7 +55,7 @@ enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coeffici
     if (high == INT32_MIN) {
         return CANOPY_EMPTY;
     }
-    const int32_t reach = 3 * (high - low) + 64;  // the 64: a flat field's solve may round
+    const int32_t reach = high - low + 64;  // the 64: a flat field's solve may round
     fast->floor = low - reach;
     fast->ceiling = high + reach;
     fast->b = coefficients;
@@ -88,44 +88,31 @@ static void gather_line(struct canopy_fast *fast) {
     }
 }
 
-static void hold(struct canopy_fast *fast, uint32_t first, uint32_t last) {
-    for (uint32_t bit = first; bit <= last; bit++) {
-        (void)canopy_bit_set(fast->held, bit);
-    }
-}
-
 static bool is_held(const struct canopy_fast *fast, uint32_t line, uint32_t j) {
     const uint32_t bit = line * fast->field->frame.size[1] + j;
     return canopy_bit_get(fast->held, bit);
 }
 
-// Marks the coefficients that a covered cell of the line can see: those of the knot interval it is in.
-static void hold_covered(struct canopy_fast *fast) {
-    const uint32_t n = fast->field->frame.size[1], q = fast->field->axis[1].cells;
-    const int32_t *cells = fast->line.nodes;
+// From cells to nodes, in place: a node is the higher of the cells on its two sides. Holds the coefficients that a
+// covered cell can see: those of the knot interval it is in.
+static void cells_to_nodes(struct canopy_fast *fast) {
+    const uint32_t n = fast->field->frame.size[1], q = fast->field->axis[1].cells, first = fast->index * n;
+    int32_t *node = fast->line.nodes, before = CANOPY_NO_HEIGHT;
     for (uint32_t h = 0; h + 1 < n; h++) {
-        bool covered = false;
-        for (uint32_t k = 0; k < q; k++) {
-            covered |= cells[h * q + k] != CANOPY_NO_HEIGHT;
+        int32_t highest = CANOPY_NO_HEIGHT;
+        for (uint32_t k = 0; k < q; k++, node++) {
+            const int32_t here = *node;
+            highest = here > highest ? here : highest;
+            *node = here > before ? here : before;
+            before = here;
         }
-        if (covered) {
-            hold(fast, fast->index * n + (h > 0 ? h - 1 : 0), fast->index * n + (h + 2 < n ? h + 2 : n - 1));
+        if (highest != CANOPY_NO_HEIGHT) {
+            for (uint32_t j = h > 0 ? h - 1 : 0; j <= h + 2 && j < n; j++) {
+                (void)canopy_bit_set(fast->held, first + j);
+            }
         }
     }
-}
-
-// What the certificate may lose by rounding bounds down, once in each direction, and one step to spare.
-#define CERTIFY_LOSS 3
-
-// From cells to nodes, in place: a node is the higher of the cells on its two sides.
-static void cells_to_nodes(int32_t *nodes, uint32_t cells) {
-    int32_t before = CANOPY_NO_HEIGHT;
-    for (uint32_t c = 0; c < cells; c++) {
-        const int32_t here = nodes[c] == CANOPY_NO_HEIGHT ? CANOPY_NO_HEIGHT : nodes[c] + CERTIFY_LOSS;
-        nodes[c] = here > before ? here : before;
-        before = here;
-    }
-    nodes[cells] = before;
+    *node = before;
 }
 
 // ---- Columns: along u, from the lines' coefficients
@@ -215,18 +202,24 @@ static void fill_columns(struct canopy_fast *fast) {
 static bool begin_one(struct canopy_fast *fast) {
     if (fast->stage == CANOPY_FAST_LINES) {
         gather_line(fast);
-        hold_covered(fast);
-        cells_to_nodes(fast->line.nodes, fast->field->axis[1].count);
+        cells_to_nodes(fast);
     } else {
         gather_column(fast);
     }
     return line_fits[fast->scalar].begin(&fast->line, fast->floor, fast->ceiling);
 }
 
+// What the certificate may lose by rounding bounds down, once in each direction, and one step to spare.
+#define CERTIFY_LOSS 3
+
 static void finish_one(struct canopy_fast *fast) {
     const uint32_t n = fast->field->frame.size[1];
     if (fast->stage == CANOPY_FAST_LINES) {
-        line_fits[fast->scalar].finish(&fast->line, fast->g + (size_t)fast->index * n);
+        int32_t *g = fast->g + (size_t)fast->index * n;
+        line_fits[fast->scalar].finish(&fast->line, g);
+        for (uint32_t j = 0; j < n; j++) {
+            g[j] += CERTIFY_LOSS;  // B-splines sum to one: the bound rises by as much
+        }
     } else {
         line_fits[fast->scalar].finish(&fast->line, fast->result);
         fill_column(fast);

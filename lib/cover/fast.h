@@ -46,7 +46,7 @@ struct canopy_fast {
     int32_t *b;              // the caller's coefficients
     uint32_t index;          // the line or column in work …
     bool begun;              // … and whether it has begun
-    int32_t floor, ceiling;  // coefficients beyond these have exploded: the field's range, three times over
+    int32_t floor, ceiling;  // coefficients beyond these have exploded: one range beyond the field's
     uint32_t solves;         ///< banded solves of this fit so far
     uint32_t unsettled;      ///< lines and columns that did not end by themselves and were lifted
     uint16_t most_solves;    ///< most solves of one line

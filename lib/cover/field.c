@@ -2,18 +2,35 @@
 
 #include <string.h>
 
+#include "lib/inline.h"
 #include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 
 static void init_axis(struct canopy_field_axis *axis, const struct canopy_frame *frame, int a, uint16_t cells) {
     const uint32_t pitch = frame->pitch[a];
-    *axis = (struct canopy_field_axis){.pitch = pitch, .cells = cells};
+    *axis = (struct canopy_field_axis){.origin = frame->origin[a], .pitch = pitch, .cells = cells};
     axis->count = (frame->size[a] - 1U) * cells;
     const uint64_t width = canopy_frame_width(frame, a);
-    axis->extent = width < UINT32_MAX ? (uint32_t)width : UINT32_MAX;
+    // Clipped to what coordinates can be, so that p - origin, taken modulo 2^32, is beyond it for every p outside.
+    const uint32_t reach = (uint32_t)INT32_MAX - (uint32_t)frame->origin[a];
+    axis->extent = width < reach ? (uint32_t)width : reach;
     axis->cell = pitch % cells == 0 ? pitch / cells : 0;
     const uint64_t reciprocal = ((uint64_t)cells << 32) / pitch;
     axis->reciprocal = reciprocal < UINT32_MAX ? (uint32_t)reciprocal : UINT32_MAX;
+}
+
+static int32_t clamp(int64_t z) { return z < INT32_MIN ? INT32_MIN : z > INT32_MAX ? INT32_MAX : (int32_t)z; }
+
+static void init_heights(struct canopy_field_heights *z, const struct canopy_frame *frame) {
+    const int32_t zero = frame->origin[2];
+    *z = (struct canopy_field_heights){.low = INT32_MAX, .base = CANOPY_NO_HEIGHT};
+    if (frame->lsb_log2 <= 0 && frame->lsb_log2 >= -CANOPY_RANGE_LOG2) {
+        const int32_t reach = CANOPY_HEIGHT_LIMIT >> -frame->lsb_log2;
+        z->low = clamp((int64_t)zero - reach);
+        z->span = (uint32_t)clamp((int64_t)zero + reach) - (uint32_t)z->low;
+        z->factor = (frame->side == CANOPY_BELOW ? -1 : 1) * (1 << -frame->lsb_log2);
+        z->base = (z->low - zero) * z->factor;
+    }
 }
 
 enum canopy_status canopy_field_init(struct canopy_field *field, const struct canopy_frame *frame,
@@ -33,6 +50,7 @@ enum canopy_status canopy_field_init(struct canopy_field *field, const struct ca
     for (int a = 0; a < 2; a++) {
         init_axis(&field->axis[a], frame, a, cells[a]);
     }
+    init_heights(&field->z, frame);
     field->exact = field->axis[0].cell != 0 && field->axis[1].cell != 0;
     field->heights = canopy_arena_take(&cut, 4U * (size_t)field->axis[0].count * field->axis[1].count);
     canopy_field_clear(field);
@@ -44,62 +62,94 @@ void canopy_field_clear(struct canopy_field *field) {
     for (size_t c = 0; c < cells; c++) {
         field->heights[c] = CANOPY_NO_HEIGHT;
     }
-    field->covered = 0;
 }
 
-// The cell of an offset of at most `extent` quanta. The product with the reciprocal, which was rounded down, is the
-// quotient or one less; the remainder tells. The far edge belongs to the last cell.
-static inline uint32_t cell_of(const struct canopy_field_axis *axis, uint32_t offset) {
-    uint32_t cell = (uint32_t)(((uint64_t)offset * axis->reciprocal) >> 32);
-    if (axis->cell != 0) {
-        cell += offset - cell * axis->cell >= axis->cell;
-    } else {
-        cell += (uint64_t)(cell + 1) * axis->pitch <= (uint64_t)offset * axis->cells;
+// The cell of an offset below `extent`. The product with the reciprocal, which was rounded down, is the quotient or one
+// less; the remainder tells.
+CANOPY_INLINE uint32_t cell_of(const struct canopy_field_axis *axis, uint32_t offset, bool exact) {
+    const uint32_t cell = (uint32_t)(((uint64_t)offset * axis->reciprocal) >> 32);
+    if (exact) {
+        return cell + (offset - cell * axis->cell >= axis->cell);
     }
-    return cell < axis->count ? cell : axis->count - 1;
+    return cell + ((uint64_t)(cell + 1) * axis->pitch <= (uint64_t)offset * axis->cells);
 }
 
-static inline void raise(struct canopy_field *field, struct canopy_field_hit *hit) {
-    int32_t *height = &field->heights[hit->cell];
-    hit->raised = hit->height > *height;
-    if (hit->raised) {
-        field->covered += *height == CANOPY_NO_HEIGHT;
-        *height = hit->height;
+// The cell of a coordinate; false beside the frame. The far edge belongs to the last cell.
+CANOPY_INLINE bool find_cell(const struct canopy_field_axis *axis, int32_t p, bool exact, uint32_t *cell) {
+    const uint32_t offset = (uint32_t)p - (uint32_t)axis->origin;
+    if (offset < axis->extent) {
+        *cell = cell_of(axis, offset, exact);
+        return true;
     }
+    *cell = cell_of(axis, axis->extent, exact);
+    *cell = *cell < axis->count ? *cell : axis->count - 1;
+    return offset == axis->extent;
 }
 
-static inline enum canopy_status insert(struct canopy_field *field, const int32_t p[3], struct canopy_field_hit *hit) {
-    const struct canopy_frame *frame = &field->frame;
-    // p < origin wraps to more than any extent that fits 31 bits; a wider frame is told apart by the comparison.
-    const uint32_t u = (uint32_t)p[0] - (uint32_t)frame->origin[0], v = (uint32_t)p[1] - (uint32_t)frame->origin[1];
-    if (p[0] < frame->origin[0] || p[1] < frame->origin[1] || u > field->axis[0].extent || v > field->axis[1].extent) {
-        return CANOPY_OUT_OF_FRAME;
+// The height of any z, the long way; CANOPY_NO_HEIGHT if it is too high.
+static int32_t find_far_height(const struct canopy_frame *frame, int32_t z) {
+    int64_t steps = (int64_t)z - frame->origin[2];
+    steps = frame->side == CANOPY_BELOW ? -steps : steps;
+    steps = frame->lsb_log2 <= 0 ? steps * ((int64_t)1 << -frame->lsb_log2)
+                                 : canopy_shift_ceil(steps, (unsigned)frame->lsb_log2);
+    if (steps > CANOPY_HEIGHT_LIMIT) {
+        return CANOPY_NO_HEIGHT;
     }
-    int64_t height = (int64_t)p[2] - frame->origin[2];
-    height = frame->side == CANOPY_BELOW ? -height : height;
-    height = frame->lsb_log2 <= 0 ? height * ((int64_t)1 << -frame->lsb_log2)
-                                  : canopy_shift_ceil(height, (unsigned)frame->lsb_log2);
-    if (height > CANOPY_HEIGHT_LIMIT) {
-        return CANOPY_RANGE;
+    return steps < -CANOPY_HEIGHT_LIMIT ? -CANOPY_HEIGHT_LIMIT : (int32_t)steps;
+}
+
+// False where it is too high.
+CANOPY_INLINE bool find_height(const struct canopy_field_heights *heights, const struct canopy_frame *frame, int32_t z,
+                               int32_t *height) {
+    const uint32_t above_low = (uint32_t)z - (uint32_t)heights->low;
+    if (above_low < heights->span) {
+        *height = heights->base + (int32_t)above_low * heights->factor;
+        return true;
     }
-    hit->height = height < -CANOPY_HEIGHT_LIMIT ? -CANOPY_HEIGHT_LIMIT : (int32_t)height;
-    hit->cell = cell_of(&field->axis[0], u) * field->axis[1].count + cell_of(&field->axis[1], v);
-    raise(field, hit);
-    return CANOPY_OK;
+    *height = find_far_height(frame, z);
+    return *height != CANOPY_NO_HEIGHT;
 }
 
 enum canopy_status canopy_field_insert_fx(struct canopy_field *field, const int32_t point[3],
                                           struct canopy_field_hit *hit) {
-    return insert(field, point, hit);
+    uint32_t row, column;
+    if (!find_cell(&field->axis[0], point[0], field->exact, &row) ||
+        !find_cell(&field->axis[1], point[1], field->exact, &column)) {
+        return CANOPY_OUT_OF_FRAME;
+    }
+    if (!find_height(&field->z, &field->frame, point[2], &hit->height)) {
+        return CANOPY_RANGE;
+    }
+    hit->cell = row * field->axis[1].count + column;
+    hit->raised = hit->height > field->heights[hit->cell];
+    if (hit->raised) {
+        field->heights[hit->cell] = hit->height;
+    }
+    return CANOPY_OK;
+}
+
+// Everything the loop needs is copied to where nobody else can see it, so that it may stay in registers.
+CANOPY_INLINE size_t feed(const struct canopy_field *field, const int32_t (*points)[3], size_t count, bool exact) {
+    const struct canopy_field_axis u = field->axis[0], v = field->axis[1];
+    const struct canopy_field_heights z = field->z;
+    int32_t *heights = field->heights;
+    size_t refused = 0;
+    for (; count > 0; count--, points++) {
+        uint32_t row, column;
+        int32_t height;
+        if (!find_cell(&u, (*points)[0], exact, &row) || !find_cell(&v, (*points)[1], exact, &column) ||
+            !find_height(&z, &field->frame, (*points)[2], &height)) {
+            refused++;
+            continue;
+        }
+        int32_t *cell = &heights[row * v.count + column];
+        *cell = height > *cell ? height : *cell;
+    }
+    return refused;
 }
 
 size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
-    size_t refused = 0;
-    struct canopy_field_hit hit;
-    for (size_t i = 0; i < count; i++) {
-        refused += insert(field, points[i], &hit) != CANOPY_OK;
-    }
-    return refused;
+    return field->exact ? feed(field, points, count, true) : feed(field, points, count, false);
 }
 
 enum canopy_status canopy_field_merge(struct canopy_field *field, const struct canopy_field *other) {
@@ -112,24 +162,32 @@ enum canopy_status canopy_field_merge(struct canopy_field *field, const struct c
     }
     const uint32_t cells = field->axis[0].count * field->axis[1].count;
     for (uint32_t c = 0; c < cells; c++) {
-        struct canopy_field_hit hit = {.cell = c, .height = other->heights[c]};
-        raise(field, &hit);
+        field->heights[c] = other->heights[c] > field->heights[c] ? other->heights[c] : field->heights[c];
     }
     return CANOPY_OK;
 }
 
-uint32_t canopy_field_coverage(const struct canopy_field *field, uint8_t *bits) {
-    const uint32_t rows = field->axis[0].count, columns = field->axis[1].count;
-    const uint32_t across = field->frame.size[1] - 1U, knot_cells = (field->frame.size[0] - 1U) * across;
-    uint32_t covered = 0;
-    memset(bits, 0, (knot_cells + 7) / 8);
-    for (uint32_t r = 0; r < rows; r++) {
-        const int32_t *row = field->heights + (size_t)r * columns;
-        const uint32_t first = r / field->axis[0].cells * across;
-        for (uint32_t c = 0; c < columns; c++) {
+static bool is_covered(const struct canopy_field *field, uint32_t h, uint32_t w) {
+    const uint32_t columns = field->axis[1].count, cu = field->axis[0].cells, cv = field->axis[1].cells;
+    const int32_t *row = field->heights + (size_t)h * cu * columns + (size_t)w * cv;
+    for (uint32_t r = 0; r < cu; r++, row += columns) {
+        for (uint32_t c = 0; c < cv; c++) {
             if (row[c] != CANOPY_NO_HEIGHT) {
-                const uint32_t bit = first + c / field->axis[1].cells;
-                covered += canopy_bit_set(bits, bit);
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+uint32_t canopy_field_coverage(const struct canopy_field *field, uint8_t *bits) {
+    const uint32_t down = field->frame.size[0] - 1U, across = field->frame.size[1] - 1U;
+    uint32_t covered = 0;
+    memset(bits, 0, (down * across + 7) / 8);
+    for (uint32_t h = 0; h < down; h++) {
+        for (uint32_t w = 0; w < across; w++) {
+            if (is_covered(field, h, w)) {
+                covered += canopy_bit_set(bits, h * across + w);
             }
         }
     }

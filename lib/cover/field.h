@@ -25,22 +25,30 @@
 #define CANOPY_FIELD_ARENA(m, n, cu, cv)                                                                               \
     CANOPY_ARENA_ROUND(4U * (size_t)(cu) * ((size_t)(m)-1U) * (size_t)(cv) * ((size_t)(n)-1U))
 
-/// One axis of a field. `extent` and `cell` are quanta; the reciprocal is floor(2^32 * cells / pitch).
+/// One axis of a field, in quanta.
 struct canopy_field_axis {
-    uint32_t extent;
-    uint32_t cell;  // pitch / cells where exact, else 0
+    int32_t origin;
+    uint32_t extent;      // the far edge, from the origin; at most what an int32_t can reach
+    uint32_t reciprocal;  // floor(2^32 * cells / pitch)
+    uint32_t cell;        // pitch / cells where exact, else 0
+    uint32_t count;       ///< cells along the axis
     uint32_t pitch;
-    uint32_t reciprocal;
-    uint32_t count;  // cells along the axis
-    uint16_t cells;
+    uint16_t cells;  ///< a knot interval
+};
+
+/// How a z in quanta becomes a height in steps: base + (z - low) * factor, the mirror of the side below included.
+struct canopy_field_heights {
+    int32_t low;
+    uint32_t span;  // for low <= z < low + span; others, and all where a step is more than a quantum, go the long way
+    int32_t factor, base;
 };
 
 struct canopy_field {
     struct canopy_frame frame;
     struct canopy_field_axis axis[2];
+    struct canopy_field_heights z;
     int32_t *heights;  ///< axis[0].count x axis[1].count, row (u) order
     bool exact;        ///< every cell edge is a whole quantum
-    uint32_t covered;  ///< cells with data
 };
 
 /// What a point did to the field.

@@ -1,18 +1,18 @@
 #include <math.h>
 
 #include "lib/cover/field.h"
+#include "lib/inline.h"
 
 // The float image of an axis and of the heights, made once per batch: frames stay whole.
 struct axis_f32 {
-    float from, to, per_cell, cell, quantum;
-    int32_t origin;
-    uint32_t last;
-    bool exact;
+    float from, to, per_cell, quantum;
+    int32_t origin, cell, last;
 };
 
 struct view_f32 {
     struct axis_f32 axis[2];
     float zero, scale;
+    uint32_t columns;
 };
 
 static struct axis_f32 view_axis(const struct canopy_field *field, int a) {
@@ -24,11 +24,10 @@ static struct axis_f32 view_axis(const struct canopy_field *field, int a) {
         .from = (float)origin * quantum,
         .to = (float)(origin + (int32_t)axis->extent) * quantum,
         .per_cell = (float)axis->cells / ((float)axis->pitch * quantum),
-        .cell = (float)axis->cell,
+        .cell = (int32_t)axis->cell,
         .quantum = quantum,
         .origin = origin,
-        .last = axis->count - 1,
-        .exact = axis->cell != 0,
+        .last = (int32_t)axis->count - 1,
     };
 }
 
@@ -38,68 +37,89 @@ static struct view_f32 view_of(const struct canopy_field *field) {
     return (struct view_f32){
         .axis = {view_axis(field, 0), view_axis(field, 1)},
         .zero = ldexpf((float)frame->origin[2], frame->quantum_log2),
+        .columns = field->axis[1].count,
         .scale = frame->side == CANOPY_BELOW ? -scale : scale,
     };
 }
 
 // The cell of a coordinate within the axis. The estimate is off by at most one; where edges are floats, they decide.
-static inline uint32_t cell_of(const struct axis_f32 *axis, const struct canopy_field_axis *whole, float x) {
-    uint32_t cell = (uint32_t)((x - axis->from) * axis->per_cell);
+CANOPY_INLINE uint32_t cell_of(const struct axis_f32 *axis, float x, bool exact) {
+    int32_t cell = (int32_t)((x - axis->from) * axis->per_cell);
     cell = cell < axis->last ? cell : axis->last;
-    if (axis->exact) {
-        const int32_t edge = axis->origin + (int32_t)(cell * whole->cell);
+    if (exact) {
+        const int32_t edge = axis->origin + cell * axis->cell;
         if (x < (float)edge * axis->quantum) {
             cell--;
-        } else if (cell < axis->last && x >= (float)(edge + (int32_t)whole->cell) * axis->quantum) {
+        } else if (cell < axis->last && x >= (float)(edge + axis->cell) * axis->quantum) {
             cell++;
         }
     }
-    return cell;
+    return (uint32_t)cell;
 }
 
-// A height in steps, never too low: the difference is off by half an ulp of at most 2^25 steps, which is 1, and the
-// step up makes the whole number.
-static inline bool height_of(const struct view_f32 *view, float z, int32_t *steps) {
-    const float height = (z - view->zero) * view->scale;
-    const float limit = (float)(CANOPY_HEIGHT_LIMIT - 4);
-    if (!(height <= limit)) {
+// NaN is not.
+static inline bool is_within(float x, float low, float high) { return x >= low && x <= high; }
+
+#define HEIGHT_REACH ((float)(CANOPY_HEIGHT_LIMIT - 4))
+
+// Cell and height of a point in the frame with an ordinary height; false for any other. The height is never too low: the
+// difference is off by half an ulp of at most 2^25 steps, which is 1, and the step up makes the whole number.
+CANOPY_INLINE bool find(const struct view_f32 *view, const float p[3], bool exact, struct canopy_field_hit *hit) {
+    const struct axis_f32 *u = &view->axis[0], *v = &view->axis[1];
+    const float height = (p[2] - view->zero) * view->scale;
+    if (!is_within(p[0], u->from, u->to) || !is_within(p[1], v->from, v->to) ||
+        !is_within(height, -HEIGHT_REACH, HEIGHT_REACH)) {
         return false;
     }
-    *steps = height < -limit ? -CANOPY_HEIGHT_LIMIT : (int32_t)height + 2;
+    hit->height = (int32_t)height + 2;
+    hit->cell = cell_of(u, p[0], exact) * view->columns + cell_of(v, p[1], exact);
     return true;
 }
 
-static inline enum canopy_status insert(struct canopy_field *field, const struct view_f32 *view, const float p[3],
-                                        struct canopy_field_hit *hit) {
-    const struct axis_f32 *u = &view->axis[0], *v = &view->axis[1];
-    if (!(p[0] >= u->from && p[0] <= u->to && p[1] >= v->from && p[1] <= v->to) || p[2] != p[2]) {
+// The same for every point.
+static enum canopy_status find_any(const struct view_f32 *view, const float p[3], struct canopy_field_hit *hit) {
+    const bool exact = view->axis[0].cell != 0 && view->axis[1].cell != 0;
+    if (find(view, p, exact, hit)) {
+        return CANOPY_OK;
+    }
+    const float height = (p[2] - view->zero) * view->scale;
+    const float there[3] = {p[0], p[1], view->zero};  // the same place with an ordinary height
+    if (height != height || !find(view, there, exact, hit)) {
         return CANOPY_OUT_OF_FRAME;
     }
-    if (!height_of(view, p[2], &hit->height)) {
-        return CANOPY_RANGE;
-    }
-    hit->cell = cell_of(u, &field->axis[0], p[0]) * field->axis[1].count + cell_of(v, &field->axis[1], p[1]);
-    int32_t *height = &field->heights[hit->cell];
-    hit->raised = hit->height > *height;
-    if (hit->raised) {
-        field->covered += *height == CANOPY_NO_HEIGHT;
-        *height = hit->height;
-    }
-    return CANOPY_OK;
+    hit->height = -CANOPY_HEIGHT_LIMIT;
+    return height < 0 ? CANOPY_OK : CANOPY_RANGE;
 }
 
 enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const float point[3],
                                            struct canopy_field_hit *hit) {
     const struct view_f32 view = view_of(field);
-    return insert(field, &view, point, hit);
+    const enum canopy_status status = find_any(&view, point, hit);
+    if (status == CANOPY_OK) {
+        hit->raised = hit->height > field->heights[hit->cell];
+        if (hit->raised) {
+            field->heights[hit->cell] = hit->height;
+        }
+    }
+    return status;
+}
+
+CANOPY_INLINE size_t feed(const struct view_f32 view, int32_t *heights, const float (*points)[3], size_t count,
+                          bool exact) {
+    size_t refused = 0;
+    for (size_t i = 0; i < count; i++) {
+        struct canopy_field_hit hit;
+        if (!find(&view, points[i], exact, &hit) && find_any(&view, points[i], &hit) != CANOPY_OK) {
+            refused++;
+            continue;
+        }
+        const int32_t before = heights[hit.cell];
+        heights[hit.cell] = hit.height > before ? hit.height : before;  // a store is cheaper than a jump guessed wrong
+    }
+    return refused;
 }
 
 size_t canopy_field_feed_f32(struct canopy_field *field, const float (*points)[3], size_t count) {
-    const struct view_f32 view = view_of(field);
-    size_t refused = 0;
-    struct canopy_field_hit hit;
-    for (size_t i = 0; i < count; i++) {
-        refused += insert(field, &view, points[i], &hit) != CANOPY_OK;
-    }
-    return refused;
+    return field->exact ? feed(view_of(field), field->heights, points, count, true)
+                        : feed(view_of(field), field->heights, points, count, false);
 }

@@ -15,6 +15,10 @@
 /// matrix is close to singular or the coefficients explode, each row's node moves to its integer, where the matrix is
 /// diagonally dominant. In every case the best iterate is taken and canopy_line_lift finishes it: safe by construction.
 ///
+/// On a knot interval l is concave: (1-s)^3 and s^3 are convex and what multiplies them is not positive. So what a height
+/// lacks of l is largest at a vertex of the upper convex hull of the nodes, on any part of the interval, and the fit
+/// looks at those *vertices* only (per half interval, because that is what rounds to one row).
+///
 /// The scalar lives in here only: heights in and coefficients out are whole steps, and so is all that is proved.
 /// Float and fixed point give coefficients that differ by rounding; both are lifted by the same exact integers.
 ///
@@ -43,7 +47,8 @@
 #define CANOPY_LINE_ARENA(n, q)                                                                                        \
     (CANOPY_ARENA_ROUND((size_t)(n) * sizeof(struct canopy_band_row_fx)) + CANOPY_ARENA_ROUND(4U * (size_t)(n)) +      \
      CANOPY_ARENA_ROUND(2U * (size_t)(n)) + CANOPY_ARENA_ROUND(n) +                                                    \
-     2U * CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(n, q)) + CANOPY_ARENA_ROUND(12U * ((size_t)(q) + 1U)))
+     2U * CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(n, q)) + CANOPY_ARENA_ROUND(2U * CANOPY_LINE_NODES(n, q)) +        \
+     CANOPY_ARENA_ROUND(12U * ((size_t)(q) + 1U)))
 
 /// A line being fitted. Its fields belong to lib/cover; `nodes` is where the caller puts the heights.
 struct canopy_line {
@@ -54,11 +59,13 @@ struct canopy_line {
     bool singular;   ///< a matrix was close to singular, or its solution exploded: rows are at their integers
     bool settled;    ///< the iteration ended by itself, not by its cap, a cycle or a singular matrix
 
-    void *rows;              // canopy_band_row_f32 or _fx, n
-    void *best;              // float or int32_t, n: the iterate with the smallest violation so far
-    void *scaled;            // float or int32_t: the nodes, (height - low) / 2^shift rounded up
+    void *rows;          // canopy_band_row_f32 or _fx, n
+    void *best;          // float or int32_t, n: the iterate with the smallest violation so far
+    uint16_t *vertices;  // nodes that matter, ascending
+    void *heights;       // float or int32_t: theirs, (height - low) / 2^shift rounded up
+    uint16_t vertex_count;
     void *weights;           // three tables of q + 1: s, (1-s)^3/6, s^3/6 at s = k/q
-    uint16_t *chosen;        // lambda: the node of each row, NO_NODE if free
+    uint16_t *chosen;        // lambda: the vertex of each row, as an index; NO_VERTEX if free
     uint8_t *concave;        // sigma: 1 where D < 0 in the last iterate
     int32_t low, high;       // range of the nodes
     int32_t floor, ceiling;  // coefficients beyond these have exploded
@@ -88,9 +95,13 @@ bool canopy_line_iterate_fx(struct canopy_line *line);
 void canopy_line_finish_f32(struct canopy_line *line, int32_t *coefficients);
 void canopy_line_finish_fx(struct canopy_line *line, int32_t *coefficients);
 
-/// The safe finish, exact: raises coefficients until the bound l is at least the height of every node.
+/// Lists the vertices: the nodes with a height that are on the upper convex hull of their half interval. Returns how many.
+uint16_t canopy_line_hull(const int32_t *nodes, uint16_t n, uint16_t q, uint16_t *vertices);
+
+/// The safe finish, exact: raises coefficients until the bound l is at least the height of every listed node.
 /// Where a node of the knot interval h lacks d, b[h-1] … b[h+2] (those that l depends on there) rise by d, which raises
 /// l by d on the whole interval; l falls nowhere when a coefficient rises, so one pass clears all. Returns the largest d.
-int32_t canopy_line_lift(int32_t *coefficients, uint16_t n, uint16_t q, const int32_t *nodes);
+int32_t canopy_line_lift(int32_t *coefficients, uint16_t n, uint16_t q, const int32_t *nodes, const uint16_t *vertices,
+                         uint16_t count);
 
 #endif

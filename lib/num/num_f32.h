@@ -44,6 +44,9 @@ static inline val num_narrow(acc a, bool *saturated) {
     return a;
 }
 
+// Like num_narrow, for what is known to fit.
+static inline val num_drop(acc a) { return a; }
+
 static inline val num_val(int32_t x) { return (float)x; }
 
 static inline int32_t num_val_ceil(val x) {

@@ -51,6 +51,9 @@ static inline acc num_scale(num w, val x) { return canopy_wide(w, x); }
 
 static inline val num_narrow(acc a, bool *saturated) { return canopy_narrow(a >> 24, saturated); }
 
+// Like num_narrow, for what is known to fit.
+static inline val num_drop(acc a) { return (val)(a >> 24); }
+
 static inline val num_val(int32_t x) { return x; }
 
 static inline int32_t num_val_ceil(val x) { return x; }
