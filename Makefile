@@ -131,6 +131,11 @@ $(eval $(call variant,$(TEST)/clang32,clang,$(SANITIZE),-m32 $(SSE) $(WARN_CLANG
 TEST_PROGRAMS := $(foreach v,gcc64 clang64,$(addprefix $(TEST)/$(v)/,$(UNIT_NAMES) $(HOSTTEST_NAMES))) \
     $(foreach v,gcc32 clang32,$(addprefix $(TEST)/$(v)/,$(UNIT_NAMES)))
 
+# The other end for the Python tests that need one
+TEST_PROGRAMS += $(TEST)/modbus_peer
+$(TEST)/modbus_peer: $(TEST)/gcc64/obj/hosttest/modbus_peer.o $(TEST)/gcc64/libcanopy.a
+	$(Q)gcc $(SANITIZE) $^ $(HOST_LIBS) -o $@
+
 .PHONY: test-programs test
 test-programs: $(TEST_PROGRAMS)
 test: test-programs tools firmware | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
