@@ -92,34 +92,46 @@ def lattice(s, steps=140):
     return u, v, np.where(s.covered(u, v), s.height(u, v), np.nan)
 
 
+def heights_of_interest(z, cloud):
+    """The points' range with a margin, so that a dip where nothing is covered does not flatten the scene."""
+    known = z[np.isfinite(z)] if cloud is None else cloud[2]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    margin = 0.2 * (high - low) or 0.5
+    return low - margin, high + margin
+
+
 def draw_space(figure, place, s, cloud, sample):
     axes = figure.add_subplot(place, projection="3d", computed_zorder=False)
     u, v, z = lattice(s)
     x, y = s.along(0, u), s.along(1, v)
     above = s.side == "above"
-    light = matplotlib.colors.LightSource(azdeg=315, altdeg=45)
-    filled = np.where(np.isnan(z), np.nanmin(z), z)
-    shade = light.shade(filled, cmap=plt.get_cmap("Blues_r" if above else "Blues"), blend_mode="soft", vert_exag=1,
-                        dx=max(np.ptp(x) / len(x), 1e-300), dy=max(np.ptp(y) / len(y), 1e-300))
+    low, high = heights_of_interest(z, cloud)
+    z = np.where((z >= low) & (z <= high), z, np.nan)
+    light = matplotlib.colors.LightSource(azdeg=315, altdeg=50)
+    filled = np.where(np.isnan(z), low if above else high, z)
+    span = high - low
+    shade = light.shade(filled, cmap=plt.get_cmap("Blues_r" if above else "Blues"), blend_mode="soft",
+                        vmin=low - (0.0 if above else 0.6 * span), vmax=high + (0.6 * span if above else 0.0),
+                        vert_exag=0.7, dx=max(np.ptp(x) / len(x), 1e-300), dy=max(np.ptp(y) / len(y), 1e-300))
     shade[..., 3] = 0.55 if cloud is not None else 1.0
     surface = dict(rstride=1, cstride=1, facecolors=shade, linewidth=0, antialiased=False, shade=False)
-    order = (1, 2) if above else (2, 1)
-    axes.plot_surface(x, y, z, zorder=order[1], **surface)
+    axes.plot_surface(x, y, z, zorder=2, **surface)  # the viewer stands on the surface's side
     if cloud is not None:
         pu, pv, pz = (c[sample] for c in cloud)
         axes.scatter(s.along(0, pu), s.along(1, pv), pz, s=1.2, color=POINT, linewidth=0, depthshade=False,
-                     zorder=order[0])
+                     zorder=1)
     names = s.labels()
     axes.set_xlabel(names[0], labelpad=6)
     axes.set_ylabel(names[1], labelpad=6)
     axes.set_zlabel(names[2], labelpad=8)
     lengths = np.array([np.ptp(x), np.ptp(y)]) / max(np.ptp(x), np.ptp(y), 1e-300)
-    axes.set_box_aspect((max(lengths[0], 0.25), max(lengths[1], 0.25), 0.55))
+    axes.set_box_aspect((max(lengths[0], 0.25), max(lengths[1], 0.25), 0.6), zoom=1.12)
+    axes.set_zlim(low, high)
     axes.view_init(elev=28 if above else -28, azim=-60)
     axes.locator_params(nbins=5)
     axes.tick_params(labelsize=8)
-    axes.set_title("surface" + (" and points, seen from " + ("above" if above else "below") if cloud is not None else ""),
-                   fontsize=11)
+    caption = "surface" + (f" and points, seen from {s.side}" if cloud is not None else "")
+    figure.text(0.22, 0.035, caption, fontsize=11, ha="center")  # below: labels stand where a title would
 
 
 def section_at(s, cloud):
@@ -177,7 +189,7 @@ def main():
         if len(points) > SPACE_POINTS:
             sample = np.random.default_rng(1).choice(len(points), SPACE_POINTS, replace=False)
     figure = plt.figure(figsize=(14, 6.2), dpi=110)
-    grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.05), left=0.01, right=0.985, bottom=0.1, top=0.87, wspace=0.14)
+    grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.05), left=0.0, right=0.972, bottom=0.1, top=0.87, wspace=0.22)
     draw_space(figure, grid[0], s, cloud, sample)
     draw_section(figure, grid[1], s, cloud)
     figure.suptitle(headline(s, cloud, name), fontsize=12, fontweight="bold")

@@ -11,11 +11,14 @@
 static const char DOC[] =
     "Is every point on the safe side of the surrogate?\v"
     "Points are read as the device receives them: with p an input coordinate and `unit` the surrogate's, f32 takes "
-    "(float)(p / unit) and fx takes rint(p / unit). The verdict is exact: what double arithmetic leaves open is decided in "
+    "(float)(p / unit) and fx takes rint(p / unit). The verdict is exact: what double arithmetic leaves open is "
+    "decided in "
     "whole numbers of any length.\n\n"
-    "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # begins a "
+    "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # "
+    "begins a "
     "comment), .ply (ASCII or binary), or - for text on standard input.\n\n"
-    "Prints one line: points, how many are on the wrong side and how many outside the frame, the worst margin and the mean "
+    "Prints one line: points, how many are on the wrong side and how many outside the frame, the worst margin and the "
+    "mean "
     "and largest gap in per cent of the points' height range.\n\n"
     "Exit status: 0 if every point is on the safe side, 1 if not (a point outside the frame is not), 2 for bad input.";
 
@@ -59,8 +62,8 @@ static void print_verdict(const struct canopy_exact_result *r, double unit) {
     printf("%s: %" PRIu64 " points, %" PRIu64 " on the wrong side, %" PRIu64 " outside the frame",
            canopy_exact_is_safe(r) ? "safe" : "NOT SAFE", r->points, r->wrong, r->outside);
     if (r->points > r->outside) {
-        printf(", worst margin %.3g (%.3g device units), mean gap %.3f%% of the height range, max %.1f%%", r->margin * unit,
-               r->margin, canopy_exact_mean_gap(r), canopy_exact_max_gap(r));
+        printf(", worst margin %.3g (%.3g device units), mean gap %.3f%% of the height range, max %.1f%%",
+               r->margin * unit, r->margin, canopy_exact_mean_gap(r), canopy_exact_max_gap(r));
     }
     if (r->first_wrong != UINT64_MAX) {
         printf(", first wrong: point %" PRIu64, r->first_wrong + 1);

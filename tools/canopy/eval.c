@@ -10,10 +10,14 @@
 
 static const char DOC[] =
     "The height of the surface over (or under) each point, in input units, one a line.\v"
-    "The height is the surface's coordinate along the surrogate's third axis, measured from the zero of the input: with axes "
-    "along x, y, z it is the surface's z at the point's x and y. `nan` outside the frame, and in knot cells without data "
-    "where the surrogate has a trim. 17 significant digits; the error of double arithmetic is below 1e-12 of the largest "
-    "coefficient. Points are rounded as the device receives them first (see `canopy check --help`, also for the formats of "
+    "The height is the surface's coordinate along the surrogate's third axis, measured from the zero of the input: "
+    "with axes "
+    "along x, y, z it is the surface's z at the point's x and y. `nan` outside the frame, and in knot cells without "
+    "data "
+    "where the surrogate has a trim. 17 significant digits; the error of double arithmetic is below 1e-12 of the "
+    "largest "
+    "coefficient. Points are rounded as the device receives them first (see `canopy check --help`, also for the "
+    "formats of "
     "POINTS).\n\n"
     "Exit status: 0, or 2 for bad input (nothing is printed after a fault, what was printed before it stands).";
 

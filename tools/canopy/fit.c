@@ -15,15 +15,21 @@
 static const char DOC[] =
     "Fits a smooth surface that lies on one side of all points, proves it, and writes it as a surrogate file."
     "\v"
-    "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # begins a "
+    "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # "
+    "begins a "
     "comment), .ply (ASCII or binary), or - for text on standard input.\n\n"
-    "The surface is a uniform bicubic spline with MxN coefficients over the smallest frame that holds every point. Safe means: "
-    "in exact arithmetic, at every point as the device receives it (f32: (float)(p / unit); fx: rint(p / unit)). What is "
+    "The surface is a uniform bicubic spline with MxN coefficients over the smallest frame that holds every point. "
+    "Safe means: "
+    "in exact arithmetic, at every point as the device receives it (f32: (float)(p / unit); fx: rint(p / unit)). What "
+    "is "
     "written has been checked so, from the coefficients that are written.\n\n"
-    "Prints one line: points, grid, method, unit and the most that rounding to the device's numbers moved a coordinate, mean "
-    "and largest gap in per cent of the points' height range, certified margin in input units, iterations, milliseconds of the "
+    "Prints one line: points, grid, method, unit and the most that rounding to the device's numbers moved a "
+    "coordinate, mean "
+    "and largest gap in per cent of the points' height range, certified margin in input units, iterations, "
+    "milliseconds of the "
     "fit and of the certificate.\n\n"
-    "Exit status: 0 done; 2 bad input, with one line that says where and what to do, and no output file; 64 wrong usage.";
+    "Exit status: 0 done; 2 bad input, with one line that says where and what to do, and no output file; 64 wrong "
+    "usage.";
 
 enum { SIDE = 256, METHOD, SCALAR, UNIT, DIR, FIELD, FRAME };
 
@@ -33,12 +39,15 @@ static const struct argp_option OPTIONS[] = {
     {"method", METHOD, "fast", 0, "how to fit (default: fast)", 0},
     {"scalar", SCALAR, "f32|fx", 0, "the device's numbers: 32-bit float (default) or 32-bit fixed point", 0},
     {"unit", UNIT, "U", 0,
-     "input units a device unit; default 1 for f32, for fx the power of ten that spreads the largest extent over 10^5 to 10^6 "
+     "input units a device unit; default 1 for f32, for fx the power of ten that spreads the largest extent over 10^5 "
+     "to 10^6 "
      "units",
      0},
-    {"dir", DIR, "X,Y,Z", 0, "direction from the scene to the viewer (default 0,0,1); heights are measured along it", 0},
+    {"dir", DIR, "X,Y,Z", 0, "direction from the scene to the viewer (default 0,0,1); heights are measured along it",
+     0},
     {"field", FIELD, "Q", 0,
-     "fit from the bounded streaming field with Q x Q cells a knot interval, 1 to 32, as the device does, instead of from the "
+     "fit from the bounded streaming field with Q x Q cells a knot interval, 1 to 32, as the device does, instead of "
+     "from the "
      "points",
      0},
     {"frame", FRAME, "FILE", 0, "use the frame (and unit) of this surrogate; a point outside it is bad input", 0},
@@ -115,7 +124,8 @@ static bool read_grid(const char *text, uint16_t size[2], struct canopy_fault *f
     p += cross;
     const long n = cross ? whole(&p) : -1;
     if (*p || m < CANOPY_SIZE_MIN || n < CANOPY_SIZE_MIN || m > CANOPY_SIZE_MAX || n > CANOPY_SIZE_MAX) {
-        return canopy_fault_set(fault, "--grid %.40s: give MxN, each from %d to %d", text, CANOPY_SIZE_MIN, CANOPY_SIZE_MAX);
+        return canopy_fault_set(fault, "--grid %.40s: give MxN, each from %d to %d", text, CANOPY_SIZE_MIN,
+                                CANOPY_SIZE_MAX);
     }
     size[0] = (uint16_t)m;
     size[1] = (uint16_t)n;
@@ -161,10 +171,12 @@ static bool read_frame(const struct arguments *a, struct canopy_surrogate *frame
         return false;
     }
     if (a->unit && wish->unit != frame->unit) {
-        return canopy_fault_set(fault, "%s: its unit is %g, not that of --unit: leave --unit out", a->frame, frame->unit);
+        return canopy_fault_set(fault, "%s: its unit is %g, not that of --unit: leave --unit out", a->frame,
+                                frame->unit);
     }
     if (wish->size[0] != frame->size[0] || wish->size[1] != frame->size[1]) {
-        return canopy_fault_set(fault, "%s: its grid is %ux%u: give the same --grid", a->frame, frame->size[0], frame->size[1]);
+        return canopy_fault_set(fault, "%s: its grid is %ux%u: give the same --grid", a->frame, frame->size[0],
+                                frame->size[1]);
     }
     wish->unit = frame->unit;
     wish->scalar = a->scalar < 0 ? frame->scalar : wish->scalar;
@@ -183,18 +195,20 @@ static bool read_wish(const struct arguments *a, struct canopy_surrogate *frame,
            (!a->frame || read_frame(a, frame, wish, fault));
 }
 
-static void print_line(const struct arguments *a, const struct canopy_surface_wish *wish, const struct canopy_loaded *loaded,
-                       const struct canopy_surface_report *r) {
+static void print_line(const struct arguments *a, const struct canopy_surface_wish *wish,
+                       const struct canopy_loaded *loaded, const struct canopy_surface_report *r) {
     char from[32] = "";
     if (wish->field) {
         snprintf(from, sizeof from, " from field %u", wish->field);
     }
-    printf("%" PRIu64 " points, %ux%u %s, fast%s, %s, unit %g (rounding loses at most %.2g), mean gap %.3f%% and max gap %.1f%% of "
-           "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
-           r->result.points, wish->size[0], wish->size[1], wish->side == CANOPY_ABOVE ? "above" : "below", from,
-           wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
-           canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->iterations, r->fit_ms, r->certificate_ms,
-           a->output ? ", " : "", a->output ? a->output : "");
+    printf(
+        "%" PRIu64
+        " points, %ux%u %s, fast%s, %s, unit %g (rounding loses at most %.2g), mean gap %.3f%% and max gap %.1f%% of "
+        "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
+        r->result.points, wish->size[0], wish->size[1], wish->side == CANOPY_ABOVE ? "above" : "below", from,
+        wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
+        canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->iterations, r->fit_ms, r->certificate_ms,
+        a->output ? ", " : "", a->output ? a->output : "");
 }
 
 static bool run(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_fault *fault) {

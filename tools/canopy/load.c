@@ -36,7 +36,8 @@ static bool well_inside(const struct canopy_surrogate *frame, const double p[3])
         reach += fabs(d[k]);
     }
     for (int i = 0; i < 2; i++) {
-        const double u = (frame->axes[i][0] * d[0] + frame->axes[i][1] * d[1] + frame->axes[i][2] * d[2]) / frame->pitch[i];
+        const double u =
+            (frame->axes[i][0] * d[0] + frame->axes[i][1] * d[1] + frame->axes[i][2] * d[2]) / frame->pitch[i];
         const double room = 1e-12 * (reach / frame->pitch[i] + (double)frame->size[i]);
         if (!(u > room && u < (double)frame->size[i] - 1.0 - room)) {
             return false;
@@ -52,7 +53,8 @@ static bool is_in_frame(struct loader *loader, const union canopy_device_point *
         point[k] = f32 ? (double)p->f32[k] : (double)p->fx[k];
     }
     return well_inside(loader->wish->frame, point) || canopy_rational_inside(loader->rational, point, NULL) ||
-           canopy_fault_set(fault, "the point is outside the frame of --frame: give a larger frame or leave the point out");
+           canopy_fault_set(fault,
+                            "the point is outside the frame of --frame: give a larger frame or leave the point out");
 }
 
 static bool add(struct loader *loader, const double point[3], struct canopy_fault *fault) {
@@ -137,9 +139,11 @@ static bool read_and_find_unit(const char *path, struct loader *loader, struct c
     for (size_t i = 0; i < loader->count; i++) {
         if (!add(loader, loader->raw[i], fault)) {
             // Whatever overflows first, the largest coordinate overflows too, and its place is known.
-            canopy_fault_set(fault, "%g overflows 32-bit fixed point at unit %g, which the points' extent asks for: give a larger "
-                                    "--unit or move the origin",
-                             loader->largest, loader->loaded->unit);
+            canopy_fault_set(
+                fault,
+                "%g overflows 32-bit fixed point at unit %g, which the points' extent asks for: give a larger "
+                "--unit or move the origin",
+                loader->largest, loader->loaded->unit);
             return canopy_points_place(fault, path, info.by_line, loader->largest_at);
         }
     }
@@ -159,7 +163,8 @@ bool canopy_load(const char *path, const struct canopy_load_wish *wish, struct c
             return no_memory(fault);
         }
     }
-    const bool ok = loaded->unit > 0.0 ? read_with_unit(path, &loader, fault) : read_and_find_unit(path, &loader, fault);
+    const bool ok =
+        loaded->unit > 0.0 ? read_with_unit(path, &loader, fault) : read_and_find_unit(path, &loader, fault);
     canopy_rational_close(loader.rational);
     free(loader.raw);
     if (!ok) {

@@ -21,11 +21,14 @@
 static const char DOC[] =
     "Draws a surrogate, with its points if they are given: the surface in space and one cross-section."
     "\v"
-    "The picture is a PNG. Points are in the formats of `canopy fit --help`. Drawing needs Debian's python3-matplotlib; the script "
-    "is looked for beside the program, in ../share/canopy, and as tools/" SCRIPT " in the directories above the program.\n\n"
+    "The picture is a PNG. Points are in the formats of `canopy fit --help`. Drawing needs Debian's "
+    "python3-matplotlib; the script "
+    "is looked for beside the program, in ../share/canopy, and as tools/" SCRIPT
+    " in the directories above the program.\n\n"
     "Exit status: 0 done, 2 bad input or no matplotlib, and no output file.";
 
-static const struct argp_option OPTIONS[] = {{"output", 'o', "OUT.png", 0, "write the picture here (required)", 0}, {0}};
+static const struct argp_option OPTIONS[] = {{"output", 'o', "OUT.png", 0, "write the picture here (required)", 0},
+                                             {0}};
 
 struct arguments {
     const char *surrogate;
@@ -78,11 +81,13 @@ static bool find_script(char path[PATH_MAX], struct canopy_fault *fault) {
         }
     }
     return try_script(path, ".", "tools/") ||
-           canopy_fault_set(fault, "the script " SCRIPT " is not beside the program nor in tools/ above it: run canopy from its build tree");
+           canopy_fault_set(fault, "the script " SCRIPT
+                                   " is not beside the program nor in tools/ above it: run canopy from its build tree");
 }
 
 /// A child that reads points on its standard input.
-static FILE *start(const char *script, const char *surrogate, const char *output, const char *name, bool points, pid_t *child) {
+static FILE *start(const char *script, const char *surrogate, const char *output, const char *name, bool points,
+                   pid_t *child) {
     int ends[2];
     if (pipe(ends) != 0) {
         return NULL;
@@ -119,16 +124,17 @@ static bool draw(const struct arguments *a, const char *script, const char *to, 
         return canopy_fault_set(fault, "cannot start " PYTHON ": %s: free some memory or processes", strerror(errno));
     }
     struct canopy_points_info info;
-    const bool ok = !a->points || canopy_points_read(a->points, (struct canopy_points_sink){pipe_end, send_point}, &info, fault);
+    const bool ok =
+        !a->points || canopy_points_read(a->points, (struct canopy_points_sink){pipe_end, send_point}, &info, fault);
     if (!ok) {
         kill(child, SIGTERM);
     }
     fclose(pipe_end);
     int status = 0;
-    while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
-    }
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR) {}
     return ok && ((WIFEXITED(status) && WEXITSTATUS(status) == 0) ||
-                  canopy_fault_set(fault, "%s: the picture could not be drawn: is python3-matplotlib installed?", a->surrogate));
+                  canopy_fault_set(fault, "%s: the picture could not be drawn: is python3-matplotlib installed?",
+                                   a->surrogate));
 }
 
 int canopy_command_plot(int argc, char **argv) {

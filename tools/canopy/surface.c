@@ -13,7 +13,7 @@
 #include "lib/cover/fast.h"
 #include "lib/cover/field.h"
 
-#define FROM_POINTS_CELLS 4          // the frame's Q when fitting from points
+#define FROM_POINTS_CELLS 4           // the frame's Q when fitting from points
 #define FIELD_BYTES_MOST (64U << 20)  // of a field that a fit from points chooses itself
 
 struct job {
@@ -109,7 +109,8 @@ static bool turn_point(const struct job *job, const union canopy_device_point *p
         } else if (fabs(rint(sum)) < 0x1p31) {
             to->fx[i] = (int32_t)rint(sum);
         } else {
-            return canopy_fault_set(job->fault, "coordinates turned to --dir overflow 32-bit fixed point: choose a larger --unit");
+            return canopy_fault_set(job->fault,
+                                    "coordinates turned to --dir overflow 32-bit fixed point: choose a larger --unit");
         }
     }
     return true;
@@ -242,9 +243,11 @@ static bool own_frame(struct job *job, int quanta) {
         status = grow(job, quanta, &low, &high) ? frame_around(job, &low, &high) : CANOPY_RANGE;
     }
     return status == CANOPY_OK ||
-           canopy_fault_set(job->fault, "no frame of this --grid and --field holds the points: grids are 4x4 to %dx%d, fields 1 to %d, "
-                                        "coordinates below 2^31 units",
-                            CANOPY_SIZE_MAX, CANOPY_SIZE_MAX, CANOPY_CELLS_MAX);
+           canopy_fault_set(
+               job->fault,
+               "no frame of this --grid and --field holds the points: grids are 4x4 to %dx%d, fields 1 to %d, "
+               "coordinates below 2^31 units",
+               CANOPY_SIZE_MAX, CANOPY_SIZE_MAX, CANOPY_CELLS_MAX);
 }
 
 /// The published frame from the job's own: the origin turned back and put on the quantum.
@@ -284,9 +287,7 @@ static int divisor_log2(double x) {
     return exponent;
 }
 
-static int smaller(int a, int b) {
-    return a < b ? a : b;
-}
+static int smaller(int a, int b) { return a < b ? a : b; }
 
 /// The job's frame from the one of a file: its pitch exactly, its origin to a quantum.
 static bool foreign_frame(struct job *job) {
@@ -307,8 +308,11 @@ static bool foreign_frame(struct job *job) {
     }
     const double pitch[2] = {ldexp(f->pitch[0], -log2), ldexp(f->pitch[1], -log2)};
     for (int a = 0; a < 2; a++) {
-        if (!(pitch[a] >= 1.0 && pitch[a] < 0x1p31 && pitch[a] == floor(pitch[a])) || fabs(ldexp(origin[a], -log2)) >= 0x1p31) {
-            return canopy_fault_set(job->fault, "the pitch of --frame is not on a quantum of 32-bit integers: give a file that canopy fit wrote");
+        if (!(pitch[a] >= 1.0 && pitch[a] < 0x1p31 && pitch[a] == floor(pitch[a])) ||
+            fabs(ldexp(origin[a], -log2)) >= 0x1p31) {
+            return canopy_fault_set(
+                job->fault,
+                "the pitch of --frame is not on a quantum of 32-bit integers: give a file that canopy fit wrote");
         }
         job->frame.pitch[a] = (uint32_t)pitch[a];
         job->frame.origin[a] = (int32_t)rint(ldexp(origin[a], -log2));
@@ -355,7 +359,8 @@ static struct resolution choose(const struct job *job) {
         return (struct resolution){.cells = {job->wish->field, job->wish->field}, .lines = 1};
     }
     uint16_t cells = CANOPY_CELLS_MAX;
-    while (cells > 1 && (cells > f->pitch[1] || CANOPY_FIELD_ARENA(f->size[0], f->size[1], 1, cells) > FIELD_BYTES_MOST)) {
+    while (cells > 1 &&
+           (cells > f->pitch[1] || CANOPY_FIELD_ARENA(f->size[0], f->size[1], 1, cells) > FIELD_BYTES_MOST)) {
         cells /= 2;
     }
     return (struct resolution){.cells = {1, cells}, .lines = 1};
@@ -384,7 +389,8 @@ static bool certify_field(struct job *job, const struct canopy_field *field) {
         }
     }
     free(arena);
-    return status == CANOPY_OK || canopy_fault_set(job->fault, "the field's certificate failed: choose another --grid or --field");
+    return status == CANOPY_OK ||
+           canopy_fault_set(job->fault, "the field's certificate failed: choose another --grid or --field");
 }
 
 static bool fit(struct job *job) {
@@ -402,15 +408,15 @@ static bool fit(struct job *job) {
         no_memory(job->fault);
     } else if (canopy_field_init(&field, &job->frame, r.cells, field_arena, field_bytes) != CANOPY_OK ||
                canopy_fast_init(&fast, &field, job->wish->scalar, r.lines, fast_arena, fast_bytes) != CANOPY_OK) {
-        ok = canopy_fault_set(job->fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
+        ok = canopy_fault_set(job->fault,
+                              "the frame has no room for this many cells: choose a smaller --unit or --field");
     } else {
         feed(job, &field);
         ok = canopy_fast_begin(&fast, job->coefficients) == CANOPY_OK ||
              canopy_fault_set(job->fault, "no point reaches the field: choose another --frame");
     }
     if (ok) {
-        while (canopy_fast_step(&fast, UINT32_MAX) == CANOPY_MORE) {
-        }
+        while (canopy_fast_step(&fast, UINT32_MAX) == CANOPY_MORE) {}
         job->iterations = fast.solves;
         job->unsettled = fast.unsettled;
         ok = !job->wish->field || !field.exact || certify_field(job, &field);
@@ -500,7 +506,8 @@ static bool attempt(struct job *job, int quanta, struct canopy_surrogate *s, str
 
 static bool finish(const struct job *job, struct canopy_surrogate *s, const struct canopy_surface_report *report) {
     if (!canopy_exact_is_safe(&report->result) || !(report->result.margin >= 0.0)) {
-        return canopy_fault_set(job->fault, "no safe surface came out; nothing was written: please report this with the points");
+        return canopy_fault_set(job->fault,
+                                "no safe surface came out; nothing was written: please report this with the points");
     }
     struct canopy_exact *exact = canopy_exact_open(s);
     if (!exact) {

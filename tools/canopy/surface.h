@@ -16,9 +16,9 @@ struct canopy_surface_wish {
     uint16_t size[2];
     enum canopy_side side;
     enum canopy_scalar scalar;
-    double unit;           ///< input units a device unit
-    double direction[3];   ///< from the scene to the viewer, any length but 0
-    uint16_t field;        ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
+    double unit;          ///< input units a device unit
+    double direction[3];  ///< from the scene to the viewer, any length but 0
+    uint16_t field;  ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
     const struct canopy_surrogate *frame;  ///< whose frame to use; NULL: the smallest
 };
 

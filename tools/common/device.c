@@ -12,14 +12,16 @@ bool canopy_device_point(enum canopy_scalar scalar, double unit, const double po
         const double whole = rint(scaled);
         if (scalar == CANOPY_FX) {
             if (!(fabs(whole) < 0x1p31)) {
-                return canopy_fault_set(fault, "%g overflows 32-bit fixed point at unit %g: choose a larger --unit or move the origin",
-                                        point[k], unit);
+                return canopy_fault_set(
+                    fault, "%g overflows 32-bit fixed point at unit %g: choose a larger --unit or move the origin",
+                    point[k], unit);
             }
             to->fx[k] = (int32_t)whole;
         } else {
             if (!(fabs(scaled) < 0x1.ffffffp127)) {  // halfway to 2^128 rounds to infinity
-                return canopy_fault_set(fault, "%g overflows 32-bit float at unit %g: choose a larger --unit or move the origin",
-                                        point[k], unit);
+                return canopy_fault_set(
+                    fault, "%g overflows 32-bit float at unit %g: choose a larger --unit or move the origin", point[k],
+                    unit);
             }
             to->f32[k] = (float)scaled;
         }
@@ -49,7 +51,8 @@ void canopy_device_list_free(struct canopy_device_list *list) {
 struct canopy_cloud canopy_device_list_cloud(const struct canopy_device_list *list) {
     struct canopy_cloud cloud = {.scalar = list->scalar, .count = list->count, .stride = 3, .axis = {NULL}};
     for (size_t k = 0; k < 3 && list->points; k++) {
-        cloud.axis[k] = list->scalar == CANOPY_F32 ? (const void *)(list->points->f32 + k) : (const void *)(list->points->fx + k);
+        cloud.axis[k] =
+            list->scalar == CANOPY_F32 ? (const void *)(list->points->f32 + k) : (const void *)(list->points->fx + k);
     }
     return cloud;
 }

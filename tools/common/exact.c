@@ -87,9 +87,7 @@ struct block {
 // ---------------------------------------------------------------------------------------------------------------------
 // Preparation
 
-static int clamp(int i, int limit) {
-    return i < 0 ? 0 : i < limit ? i : limit - 1;
-}
+static int clamp(int i, int limit) { return i < 0 ? 0 : i < limit ? i : limit - 1; }
 
 /// 6 times the power-basis coefficients of x0 N(s+1) + x1 N(s) + x2 N(s-1) + x3 N(s-2).
 static void to_powers(const double x[4], double c[4]) {
@@ -153,9 +151,7 @@ static bool fill_reach(struct canopy_exact *e) {
 
 /// Whether a size is far from overflow and underflow: then no intermediate result overflows, and what underflow can do
 /// stays below 2^-800 (absolute errors of 2^-1074, times slopes and inverse pitches below 2^250).
-static bool is_ordinary(double size) {
-    return size <= 0x1p200 && size >= 0x1p-200;
-}
+static bool is_ordinary(double size) { return size <= 0x1p200 && size >= 0x1p-200; }
 
 static bool all_ordinary(const struct canopy_surrogate *s) {
     double most = 0.0;
@@ -290,7 +286,8 @@ static void load_coordinate(const struct canopy_cloud *cloud, int k, size_t firs
     }
 }
 
-static void load_aligned(const struct canopy_exact *e, const struct canopy_cloud *cloud, size_t first, struct block *b) {
+static void load_aligned(const struct canopy_exact *e, const struct canopy_cloud *cloud, size_t first,
+                         struct block *b) {
     const double side = e->surrogate->side == CANOPY_ABOVE ? 1.0 : -1.0;
     for (int i = 0; i < 3; i++) {
         const int k = e->coordinate[i];
@@ -486,8 +483,10 @@ static void add_windows(const struct canopy_exact *e, struct block *b) {
         }
         b->surface[p] += sum * scale;
         // (1 + count) roundings of the running sum, the argument's error of the two kinds of axes, and of x and y.
-        const double argument = 4.0 * ((double)s->size[0] + (double)s->size[1]) + (e->aligned ? 0.0 : 6.1 * b->g[p]) * (e->inverse[0] + e->inverse[1]);
-        b->slack[p] += EPSILON * e->windows_reach * (800.0 + 4.0 * (double)s->window_count + 8.0 * argument + 4.0 * across);
+        const double argument = 4.0 * ((double)s->size[0] + (double)s->size[1]) +
+                                (e->aligned ? 0.0 : 6.1 * b->g[p]) * (e->inverse[0] + e->inverse[1]);
+        b->slack[p] +=
+            EPSILON * e->windows_reach * (800.0 + 4.0 * (double)s->window_count + 8.0 * argument + 4.0 * across);
     }
 }
 
@@ -634,8 +633,8 @@ struct purpose {
 };
 
 /// A whole block of memory, of which the first `count` points are meant.
-static void add_block(struct canopy_exact *e, const struct canopy_cloud *cloud, size_t first, size_t count, uint64_t before,
-                      const struct purpose *purpose) {
+static void add_block(struct canopy_exact *e, const struct canopy_cloud *cloud, size_t first, size_t count,
+                      uint64_t before, const struct purpose *purpose) {
     struct block b;
     b.count = count;
     if (e->aligned) {
@@ -704,7 +703,8 @@ static void add(struct canopy_exact *e, const struct canopy_cloud *cloud, const 
     purpose->result->points += cloud->count;
 }
 
-void canopy_exact_add(struct canopy_exact *exact, const struct canopy_cloud *cloud, struct canopy_exact_result *result) {
+void canopy_exact_add(struct canopy_exact *exact, const struct canopy_cloud *cloud,
+                      struct canopy_exact_result *result) {
     add(exact, cloud, &(struct purpose){.result = result});
 }
 

@@ -18,23 +18,23 @@
 struct canopy_cloud {
     enum canopy_scalar scalar;  ///< CANOPY_F32: the arrays hold float; CANOPY_FX: int32_t
     size_t count;
-    size_t stride;       ///< elements from one point to the next: 1 for separate arrays, 3 for x y z triples
-    const void *axis[3]; ///< the first x, y and z
+    size_t stride;        ///< elements from one point to the next: 1 for separate arrays, 3 for x y z triples
+    const void *axis[3];  ///< the first x, y and z
 };
 
 /// What is known about all points added so far. Heights and margins in device units along axes[2]; a margin is positive on
 /// the safe side. Points outside the frame count in `points` and `outside` only.
 struct canopy_exact_result {
     uint64_t points;
-    uint64_t wrong;          ///< on the wrong side, exactly
-    uint64_t outside;        ///< outside the frame, exactly (or not finite)
-    uint64_t first_wrong;    ///< index of the first such point, counted over all calls; UINT64_MAX if none
+    uint64_t wrong;        ///< on the wrong side, exactly
+    uint64_t outside;      ///< outside the frame, exactly (or not finite)
+    uint64_t first_wrong;  ///< index of the first such point, counted over all calls; UINT64_MAX if none
     uint64_t first_outside;
-    uint64_t decided_by_gmp; ///< how many the double evaluation left open
-    double margin;           ///< lower bound of the smallest margin, within 1e-12 of the heights; +inf without a point
-    double gap_sum;          ///< sum of margins, to double accuracy
-    double gap_max;          ///< -inf without a point
-    double height_min;       ///< smallest and largest height of the points inside; +inf, -inf without a point
+    uint64_t decided_by_gmp;  ///< how many the double evaluation left open
+    double margin;            ///< lower bound of the smallest margin, within 1e-12 of the heights; +inf without a point
+    double gap_sum;           ///< sum of margins, to double accuracy
+    double gap_max;           ///< -inf without a point
+    double height_min;        ///< smallest and largest height of the points inside; +inf, -inf without a point
     double height_max;
 };
 

@@ -11,16 +11,14 @@
 #error "The host tools need IEEE double arithmetic without excess precision: compile with -msse2 -mfpmath=sse."
 #endif
 
-static bool is_digit(char c) {
-    return c >= '0' && c <= '9';
-}
+static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
 static enum canopy_number spelled_out(const char *text) {
     if (*text == '+' || *text == '-') {
         text++;
     }
     return strncasecmp(text, "nan", 3) == 0 || strncasecmp(text, "inf", 3) == 0 ? CANOPY_NUMBER_NOT_FINITE
-                                                                               : CANOPY_NUMBER_NONE;
+                                                                                : CANOPY_NUMBER_NONE;
 }
 
 /// Powers of ten that are exact doubles.
@@ -82,14 +80,10 @@ enum canopy_number canopy_number_read(const char *text, const char **end, double
 
 const char *canopy_number_complaint(enum canopy_number what) {
     switch (what) {
-        case CANOPY_NUMBER_OK:
-            return "is a number";
-        case CANOPY_NUMBER_NOT_FINITE:
-            return "is not finite";
-        case CANOPY_NUMBER_TOO_LARGE:
-            return "is beyond the largest IEEE double";
-        case CANOPY_NUMBER_NONE:
-        default:
-            return "is not a number";
+    case CANOPY_NUMBER_OK: return "is a number";
+    case CANOPY_NUMBER_NOT_FINITE: return "is not finite";
+    case CANOPY_NUMBER_TOO_LARGE: return "is beyond the largest IEEE double";
+    case CANOPY_NUMBER_NONE:
+    default: return "is not a number";
     }
 }

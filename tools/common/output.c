@@ -30,8 +30,8 @@ static void guard(bool on) {
 
 static bool failed(struct canopy_output *output, struct canopy_fault *fault) {
     const int why = errno;
-    canopy_fault_set(fault, "%s: cannot write: %s: give -o a file in a directory that exists and has room", output->path,
-                     strerror(why));
+    canopy_fault_set(fault, "%s: cannot write: %s: give -o a file in a directory that exists and has room",
+                     output->path, strerror(why));
     canopy_output_abandon(output);
     return false;
 }

@@ -17,7 +17,7 @@ static const struct {
     const char *name;
     const char *alias;
     unsigned size;
-} TYPES[] = {{"char", "int8", 1}, {"uchar", "uint8", 1}, {"short", "int16", 2}, {"ushort", "uint16", 2},
+} TYPES[] = {{"char", "int8", 1}, {"uchar", "uint8", 1}, {"short", "int16", 2},   {"ushort", "uint16", 2},
              {"int", "int32", 4}, {"uint", "uint32", 4}, {"float", "float32", 4}, {"double", "float64", 8}};
 
 struct property {
@@ -29,9 +29,9 @@ struct property {
 struct element {
     char name[NAME_SIZE];
     uint64_t count;
-    unsigned first;       ///< its properties in the header's table
+    unsigned first;  ///< its properties in the header's table
     unsigned properties;
-    bool points;          ///< this is the vertex element
+    bool points;  ///< this is the vertex element
 };
 
 struct header {
@@ -64,7 +64,8 @@ static bool header_fault(struct reader *reader, const char *what) {
 
 static bool add_format(struct reader *reader, char *const *words, int count) {
     if (count != 3 || strcmp(words[2], "1.0") != 0 || reader->header.format != UNKNOWN) {
-        return header_fault(reader, "PLY format line: give one 'format ascii|binary_little_endian|binary_big_endian 1.0'");
+        return header_fault(reader,
+                            "PLY format line: give one 'format ascii|binary_little_endian|binary_big_endian 1.0'");
     }
     reader->header.format = strcmp(words[1], "ascii") == 0                  ? ASCII
                             : strcmp(words[1], "binary_little_endian") == 0 ? LITTLE
@@ -100,12 +101,15 @@ static bool add_property(struct reader *reader, char *const *words, int count) {
     struct header *header = &reader->header;
     const bool list = count == 5 && strcmp(words[1], "list") == 0;
     if (header->element_count == 0 || (!list && count != 3) || header->property_count == MAX_PROPERTIES) {
-        return header_fault(reader, "PLY property line: give 'property TYPE NAME' or 'property list TYPE TYPE NAME' after an element, at most 256");
+        return header_fault(reader, "PLY property line: give 'property TYPE NAME' or 'property list TYPE TYPE NAME' "
+                                    "after an element, at most 256");
     }
     const enum type type = type_of(words[list ? 3 : 1]);
     const enum type count_type = list ? type_of(words[2]) : NO_TYPE;
     if (type == NO_TYPE || (list && count_type >= FLOAT32)) {
-        return header_fault(reader, "unknown PLY type: give char uchar short ushort int uint float double, a list's count as a whole number");
+        return header_fault(
+            reader,
+            "unknown PLY type: give char uchar short ushort int uint float double, a list's count as a whole number");
     }
     struct element *element = &header->elements[header->element_count - 1];
     struct property *property = &header->properties[header->property_count++];
@@ -155,7 +159,8 @@ static bool header_line(struct reader *reader, char *line, bool *done) {
         return add_property(reader, words, count);
     }
     *done = strcmp(words[0], "end_header") == 0;
-    return *done || header_fault(reader, "unknown PLY header line: give format, element, property, comment or end_header");
+    return *done ||
+           header_fault(reader, "unknown PLY header line: give format, element, property, comment or end_header");
 }
 
 /// The vertex element must have its three coordinates.
@@ -168,7 +173,8 @@ static bool check_vertices(struct reader *reader) {
     if (header->format == UNKNOWN) {
         return header_fault(reader, "PLY header without a format line: give 'format ascii 1.0' or a binary one");
     }
-    return found == 3 || header_fault(reader, "PLY without x, y and z in an element 'vertex': export it as a point cloud");
+    return found == 3 ||
+           header_fault(reader, "PLY without x, y and z in an element 'vertex': export it as a point cloud");
 }
 
 static bool read_header(struct reader *reader) {
@@ -208,24 +214,16 @@ static double as_number(const unsigned char *bytes, enum type type, bool big) {
     double wide = 0.0;
     const uint32_t low = (uint32_t)raw;
     switch (type) {
-        case INT8:
-            return (double)(int8_t)low;
-        case INT16:
-            return (double)(int16_t)low;
-        case INT32:
-            return (double)(int32_t)low;
-        case FLOAT32:
-            memcpy(&narrow, &low, sizeof narrow);
-            return (double)narrow;
-        case FLOAT64:
-            memcpy(&wide, &raw, sizeof wide);
-            return wide;
-        case UINT8:
-        case UINT16:
-        case UINT32:
-        case NO_TYPE:
-        default:
-            return (double)low;
+    case INT8: return (double)(int8_t)low;
+    case INT16: return (double)(int16_t)low;
+    case INT32: return (double)(int32_t)low;
+    case FLOAT32: memcpy(&narrow, &low, sizeof narrow); return (double)narrow;
+    case FLOAT64: memcpy(&wide, &raw, sizeof wide); return wide;
+    case UINT8:
+    case UINT16:
+    case UINT32:
+    case NO_TYPE:
+    default: return (double)low;
     }
 }
 
@@ -261,8 +259,9 @@ static bool binary_instance(struct reader *reader, const struct element *element
         const double value = as_number(bytes, type, big);
         if (list) {
             if (value < 0) {
-                return canopy_fault_set(reader->fault, "%s: byte %" PRIu64 ": a list of negative length: the file is damaged, copy it anew",
-                                        reader->source->name, reader->source->offset);
+                return canopy_fault_set(
+                    reader->fault, "%s: byte %" PRIu64 ": a list of negative length: the file is damaged, copy it anew",
+                    reader->source->name, reader->source->offset);
             }
             if (!skip_bytes(reader, (uint64_t)value * TYPES[property->type].size)) {
                 return false;
@@ -310,7 +309,8 @@ static bool ascii_number(struct reader *reader, const char **text, double *value
         return true;
     }
     if (*p == '\0') {
-        return header_fault(reader, "fewer values than the PLY header declares: the file is truncated or damaged, copy it anew");
+        return header_fault(
+            reader, "fewer values than the PLY header declares: the file is truncated or damaged, copy it anew");
     }
     const int width = (int)strcspn(p, " \t");
     canopy_fault_set(reader->fault, "'%.*s' %s: give decimal numbers", width > 40 ? 40 : width, p,
@@ -336,7 +336,8 @@ static bool ascii_instance(struct reader *reader, const struct element *element,
         }
     }
     line += strspn(line, " \t");
-    return *line == '\0' || header_fault(reader, "more values than the PLY header declares: the file is damaged, copy it anew");
+    return *line == '\0' ||
+           header_fault(reader, "more values than the PLY header declares: the file is damaged, copy it anew");
 }
 
 static bool read_ascii(struct reader *reader, const struct element *element, uint64_t *count) {
@@ -347,7 +348,8 @@ static bool read_ascii(struct reader *reader, const struct element *element, uin
             state = canopy_source_line(reader->source, &line, reader->fault);
         } while (state == CANOPY_SOURCE_OK && element->properties > 0 && line[strspn(line, " \t")] == '\0');
         if (state == CANOPY_SOURCE_END) {
-            canopy_fault_set(reader->fault, "the file ends after %s %" PRIu64 " of %" PRIu64 ": it is truncated, copy it anew",
+            canopy_fault_set(reader->fault,
+                             "the file ends after %s %" PRIu64 " of %" PRIu64 ": it is truncated, copy it anew",
                              element->name, i, element->count);
             return canopy_points_place(reader->fault, reader->source->name, true, reader->source->line);
         }

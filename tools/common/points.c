@@ -35,9 +35,7 @@ static const char *skip_separator(const char *p) {
     return p;
 }
 
-static bool at_end(const char *p) {
-    return *p == '\0' || *p == '#';
-}
+static bool at_end(const char *p) { return *p == '\0' || *p == '#'; }
 
 static bool bad_column(const char *field, enum canopy_number what, int column, struct canopy_fault *fault) {
     if (at_end(field)) {
@@ -90,8 +88,8 @@ bool canopy_points_read(const char *path, struct canopy_points_sink sink, struct
     if (!canopy_source_open(&source, path, fault)) {
         return false;
     }
-    const bool ok = ends_in_ply(path) ? canopy_ply_read(&source, sink, info, fault)
-                                      : read_text(&source, sink, &info->count, fault);
+    const bool ok =
+        ends_in_ply(path) ? canopy_ply_read(&source, sink, info, fault) : read_text(&source, sink, &info->count, fault);
     const uint64_t line = source.line;
     canopy_source_close(&source);
     if (ok && info->count == 0) {

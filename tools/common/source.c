@@ -49,7 +49,8 @@ static bool refill(struct canopy_source *source, struct canopy_fault *fault) {
     if (got == 0) {
         source->ended = true;
         if (ferror(source->file)) {
-            return canopy_fault_set(fault, "%s: byte %" PRIu64 ": %s: the file cannot be read any further; copy it anew",
+            return canopy_fault_set(fault,
+                                    "%s: byte %" PRIu64 ": %s: the file cannot be read any further; copy it anew",
                                     source->name, source->offset, strerror(errno));
         }
     }
@@ -83,7 +84,8 @@ enum canopy_source_state canopy_source_line(struct canopy_source *source, char *
         return CANOPY_SOURCE_FAULT;
     }
     if (memchr(start, 0, length)) {
-        canopy_fault_set(fault, "%s:%" PRIu64 ": a zero byte: this is not a text file of points (a binary PLY is named .ply)",
+        canopy_fault_set(fault,
+                         "%s:%" PRIu64 ": a zero byte: this is not a text file of points (a binary PLY is named .ply)",
                          source->name, source->line);
         return CANOPY_SOURCE_FAULT;
     }

@@ -68,14 +68,15 @@ static bool get_word(const json_t *value, const char *key, const char *zero, con
                      struct canopy_fault *fault) {
     const char *word = json_string_value(value);
     if (!word || (strcmp(word, zero) != 0 && strcmp(word, one) != 0)) {
-        return canopy_fault_set(fault, "\"%s\" is neither \"%s\" nor \"%s\": write the file anew with canopy fit", key, zero,
-                                one);
+        return canopy_fault_set(fault, "\"%s\" is neither \"%s\" nor \"%s\": write the file anew with canopy fit", key,
+                                zero, one);
     }
     *to = strcmp(word, one) == 0;
     return true;
 }
 
-static bool get_size(const json_t *value, const char *key, json_int_t least, uint32_t to[2], struct canopy_fault *fault) {
+static bool get_size(const json_t *value, const char *key, json_int_t least, uint32_t to[2],
+                     struct canopy_fault *fault) {
     if (!json_is_array(value) || json_array_size(value) != 2) {
         return complain(fault, key, "is not two whole numbers");
     }
@@ -83,8 +84,8 @@ static bool get_size(const json_t *value, const char *key, json_int_t least, uin
         const json_t *item = json_array_get(value, i);
         if (!json_is_integer(item) || json_integer_value(item) < least ||
             json_integer_value(item) > CANOPY_SURROGATE_GRID_MAX) {
-            return canopy_fault_set(fault, "\"%s\" is not two whole numbers from %d to %d: fit with another --grid", key,
-                                    (int)least, CANOPY_SURROGATE_GRID_MAX);
+            return canopy_fault_set(fault, "\"%s\" is not two whole numbers from %d to %d: fit with another --grid",
+                                    key, (int)least, CANOPY_SURROGATE_GRID_MAX);
         }
         to[i] = (uint32_t)json_integer_value(item);
     }
@@ -146,7 +147,8 @@ static bool get_window(const json_t *value, struct canopy_window *window, struct
         window->first[i] = (int32_t)json_integer_value(item);
     }
     return get_size(json_object_get(value, "size"), "size", 1, window->size, fault) &&
-           get_matrix(json_object_get(value, "coefficients"), "coefficients", window->size, &window->coefficients, fault);
+           get_matrix(json_object_get(value, "coefficients"), "coefficients", window->size, &window->coefficients,
+                      fault);
 }
 
 static bool get_windows(const json_t *value, struct canopy_surrogate *s, struct canopy_fault *fault) {
@@ -202,7 +204,8 @@ static bool get_frame(const json_t *value, struct canopy_surrogate *s, struct ca
     if (!(s->pitch[0] > 0.0 && s->pitch[1] > 0.0)) {
         return complain(fault, "pitch", "is not positive");
     }
-    return is_rotation((const double(*)[3])s->axes) || complain(fault, "axes", "is not a right-handed orthonormal frame");
+    return is_rotation((const double(*)[3])s->axes) ||
+           complain(fault, "axes", "is not a right-handed orthonormal frame");
 }
 
 static bool get_certificate(const json_t *value, struct canopy_surrogate *s, struct canopy_fault *fault) {
@@ -214,8 +217,8 @@ static bool get_certificate(const json_t *value, struct canopy_surrogate *s, str
 }
 
 static bool get_document(const json_t *document, struct canopy_surrogate *s, struct canopy_fault *fault) {
-    static const char *const KEYS[] = {"format", "version", "side", "scalar", "unit",       "frame",
-                                       "size",   "coefficients", "lsb", "windows", "trim", "certificate"};
+    static const char *const KEYS[] = {"format", "version",      "side", "scalar",  "unit", "frame",
+                                       "size",   "coefficients", "lsb",  "windows", "trim", "certificate"};
     const char *format = json_string_value(json_object_get(document, "format"));
     const json_t *version = json_object_get(document, "version");
     if (!format || strcmp(format, "canopy-surrogate") != 0 || !json_is_integer(version) ||
@@ -259,8 +262,8 @@ bool canopy_surrogate_read(const char *path, struct canopy_surrogate *surrogate,
     json_t *document = json_loadf(file, JSON_REJECT_DUPLICATES, &error);
     fclose(file);
     if (!document) {
-        return canopy_fault_set(fault, "%s:%d: not JSON: %s: give a surrogate file that canopy fit wrote", path, error.line,
-                                error.text);
+        return canopy_fault_set(fault, "%s:%d: not JSON: %s: give a surrogate file that canopy fit wrote", path,
+                                error.line, error.text);
     }
     const bool ok = get_document(document, surrogate, fault);
     json_decref(document);
@@ -286,8 +289,9 @@ void canopy_surrogate_free(struct canopy_surrogate *surrogate) {
 
 static json_t *number(double value) {
     // Whole numbers as JSON integers: shorter, and exact.
-    return fabs(value) < 9e15 && value == floor(value) && !(value == 0.0 && signbit(value)) ? json_integer((json_int_t)value)
-                                                                                             : json_real(value);
+    return fabs(value) < 9e15 && value == floor(value) && !(value == 0.0 && signbit(value))
+               ? json_integer((json_int_t)value)
+               : json_real(value);
 }
 
 static json_t *vector(const double *values, size_t count) {
@@ -338,11 +342,11 @@ static json_t *trim(const struct canopy_surrogate *s) {
 }
 
 static json_t *document(const struct canopy_surrogate *s) {
-    json_t *object = json_pack("{s:s, s:i, s:s, s:s, s:o, s:o, s:[i,i], s:o, s:o}", "format", "canopy-surrogate", "version",
-                               1, "side", s->side == CANOPY_ABOVE ? "above" : "below", "scalar",
-                               s->scalar == CANOPY_F32 ? "f32" : "fx", "unit", number(s->unit), "frame", frame(s), "size",
-                               (int)s->size[0], (int)s->size[1], "coefficients",
-                               matrix(s->coefficients, s->size[0], s->size[1]), "lsb", number(s->lsb));
+    json_t *object =
+        json_pack("{s:s, s:i, s:s, s:s, s:o, s:o, s:[i,i], s:o, s:o}", "format", "canopy-surrogate", "version", 1,
+                  "side", s->side == CANOPY_ABOVE ? "above" : "below", "scalar", s->scalar == CANOPY_F32 ? "f32" : "fx",
+                  "unit", number(s->unit), "frame", frame(s), "size", (int)s->size[0], (int)s->size[1], "coefficients",
+                  matrix(s->coefficients, s->size[0], s->size[1]), "lsb", number(s->lsb));
     if (object && s->window_count > 0) {
         json_object_set_new(object, "windows", windows(s));
     }

@@ -33,9 +33,9 @@ struct canopy_surrogate {
     double lsb;            ///< > 0
     size_t window_count;
     struct canopy_window *windows;
-    uint8_t *trim;         ///< (m-1) * (n-1), 1 where the knot cell is covered; NULL if the file has none
-    bool certified;        ///< the file has a certificate
-    double margin;         ///< as the certificate states it: heights in device units
+    uint8_t *trim;   ///< (m-1) * (n-1), 1 where the knot cell is covered; NULL if the file has none
+    bool certified;  ///< the file has a certificate
+    double margin;   ///< as the certificate states it: heights in device units
     double points;
 };
 
