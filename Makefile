@@ -211,8 +211,11 @@ bench: tools firmware | setup-python setup-bench setup-emulator  ## compare with
 # ---------------------------------------------------------------------------------------------------------------------
 # Quality: style and rules, coverage, fuzzing
 
+# What is formatted is everything; what is analysed is what ships. Shifts of negative numbers are what the library relies on:
+# test_platform.c checks them on every compiler.
 C_FILES := $(sort $(shell find lib port boards hosttest tools -name '*.[ch]' -o -name '*.inc'))
 TIDY_HOST := $(filter lib/%.c port/linux/%.c boards/linux/%.c tools/%.c,$(C_FILES))
+CPPCHECK_FILES := $(filter-out hosttest/%,$(filter %.c,$(C_FILES)))
 TIDY_FLAGS := -std=c11 -I. -I$(BUILD)/gen $(HOST_DEFINES)
 
 .PHONY: lint lint-format lint-rules lint-tidy lint-cppcheck
@@ -231,8 +234,8 @@ lint-cppcheck: $(GENERATED) | setup-lint
 	@mkdir -p $(BUILD)/cppcheck
 	@cppcheck --quiet -j $$(nproc) --std=c11 --language=c --enable=warning,performance,portability --inline-suppr \
 	    --error-exitcode=1 --suppress=missingIncludeSystem --suppress=zerodivcond:lib/num/num_fx.h \
-	    --suppress=nullPointer:hosttest/unit/* --cppcheck-build-dir=$(BUILD)/cppcheck -I. -I$(BUILD)/gen \
-	    -Iboards/mps2_an385 $(filter %.c,$(C_FILES)) && echo "cppcheck: $(words $(filter %.c,$(C_FILES))) files"
+	    --suppress=shiftNegativeLHS --suppress=shiftNegative --cppcheck-build-dir=$(BUILD)/cppcheck -I. -I$(BUILD)/gen \
+	    $(CPPCHECK_FILES) && echo "cppcheck: $(words $(CPPCHECK_FILES)) files"
 
 COVERAGE := $(BUILD)/coverage
 $(eval $(call variant,$(COVERAGE),gcc,--coverage,$(WARN_SANITIZED),run_cmocka,-lcmocka))
