@@ -2,6 +2,7 @@
 
 import importlib.machinery
 import importlib.util
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -36,12 +37,15 @@ int main(void) { return malloc(4) != NULL; }
 """
 
 
-def runner():
-    path = str(ROOT / "hosttest" / "run")
-    loader = importlib.machinery.SourceFileLoader("canopy_run", path)
-    module = importlib.util.module_from_spec(importlib.util.spec_from_loader("canopy_run", loader))
+def load(path):
+    loader = importlib.machinery.SourceFileLoader(f"canopy_{path.stem}", str(path))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
     loader.exec_module(module)
     return module
+
+
+def runner():
+    return load(ROOT / "hosttest" / "run")
 
 
 def build(scratch, kind, text):
@@ -50,7 +54,7 @@ def build(scratch, kind, text):
     source.write_text(text)
     if kind == "firmware":
         objects = [str(path) for folder in ("port", "boards") for path in (BUILD / "mps2_an385/obj" / folder).rglob("*.o")
-                   if path.name != "main.o"]
+                   if not path.name.startswith("main")]
         command = ["arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb", "-nostartfiles", "--specs=nano.specs",
                    f"-L{ROOT}/linker", f"-T{ROOT}/linker/mps2_an385.ld", "-Wl,--gc-sections",
                    "-Wl,--defsym=canopy_stack_size=4096", *objects]
@@ -109,3 +113,91 @@ def test_setup_refuses_what_it_does_not_know():
 def test_setup_is_silent_when_all_is_there():
     done = subprocess.run([ROOT / "tools/setup", "host", "test"], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+CALLS = """
+#include <stdint.h>
+static volatile uint32_t sink;
+__attribute__((noinline)) static void leaf(uint32_t x) { volatile uint32_t bulk[100]; bulk[x % 100] = x; sink = bulk[0]; }
+__attribute__((noinline)) static void shallow(uint32_t x) { sink = x; }
+#ifdef RECURSION
+__attribute__((noinline)) static uint32_t again(uint32_t x) { return x == 0 ? 0 : 1 + sink * again(x - 1); }
+#endif
+struct hook { void (*act)(uint32_t x); } volatile hook = {shallow};
+int main(void) {
+    for (;;) {
+        if (sink) leaf(sink);
+#ifdef POINTER
+        hook.act(sink);
+#endif
+#ifdef RECURSION
+        sink = again(sink);
+#endif
+    }
+}
+"""
+
+
+def stack_of(scratch, defines, table):
+    """Runs tools/stack.py on a small image; returns what it did."""
+    source, image = scratch / "calls.c", scratch / "calls.elf"
+    (scratch / "obj").mkdir(exist_ok=True)
+    source.write_text(CALLS)
+    (scratch / "table.txt").write_text((ROOT / "tools/calls.txt").read_text() + table)
+    flags = ["-mcpu=cortex-m3", "-mthumb", "-Os", "-ffunction-sections", "-fcallgraph-info=su", f"-I{ROOT}"]
+    objects = [str(path) for folder in ("port", "boards") for path in (BUILD / "mps2_an385/obj" / folder).rglob("*.o")
+               if not path.name.startswith("main")]
+    subprocess.run(["arm-none-eabi-gcc", *flags, *defines, "-c", str(source), "-o", str(scratch / "obj/calls.o")], check=True,
+                   cwd=scratch)
+    subprocess.run(["arm-none-eabi-gcc", *flags, "-nostartfiles", "--specs=nano.specs", f"-L{ROOT}/linker",
+                    f"-T{ROOT}/linker/mps2_an385.ld", "-Wl,--gc-sections", "-Wl,--defsym=canopy_stack_size=1024",
+                    f"-Wl,-Map={scratch}/calls.map", str(scratch / "obj/calls.o"), *objects, "-o", str(image)], check=True)
+    return subprocess.run(["/usr/bin/python3", ROOT / "tools/stack.py", "--calls", scratch / "table.txt", "--json",
+                           scratch / "stack.json", image], capture_output=True, text=True, cwd=ROOT)
+
+
+def test_stack_adds_up_the_deepest_path(tmp_path):
+    done = stack_of(tmp_path, [], "")
+    assert done.returncode == 0, done.stderr
+    parts = json.loads((tmp_path / "stack.json").read_text())["calls"]["parts"]
+    assert 400 + 8 <= parts["program"] <= 400 + 60
+    assert 36 < parts["interrupt"] < 200 and 36 < parts["fault or watchdog"] < 200
+
+
+def test_stack_follows_pointers_by_the_table_alone(tmp_path):
+    refused = stack_of(tmp_path, ["-DPOINTER"], "")
+    assert refused.returncode == 1 and "call through 'act'" in refused.stderr
+    assert stack_of(tmp_path, ["-DPOINTER"], "call act -> shallow\n").returncode == 0
+
+
+def test_stack_refuses_recursion(tmp_path):
+    done = stack_of(tmp_path, ["-DRECURSION"], "")
+    assert done.returncode == 1 and "recursion: again -> again" in done.stderr
+
+
+def test_size_adds_up_to_the_sections():
+    image = BUILD / "mps2_an385/port.elf"
+    sections, owners = load(ROOT / "tools/size.py").read(image.with_suffix(".map"))
+    table = subprocess.run(["arm-none-eabi-size", "-A", image], capture_output=True, text=True, check=True).stdout
+    for row in table.splitlines():
+        words = row.split()
+        if words and words[0] in (".text", ".data", ".bss", ".noinit", ".stack"):
+            assert sections[words[0]] == int(words[1])
+    text = sum(parts.get(".text", 0) for parts in owners.values())
+    assert abs(text / sections[".text"] - 1) < 0.02, "padding and merged strings aside, every byte has an owner"
+
+
+@pytest.mark.parametrize("room, system, name, right", [
+    ("plc", False, "lib/cover/envelope.h", True), ("cover", False, "lib/plc/plc.h", False),
+    ("scan", False, "lib/modbus/rtu.h", False), ("num", True, "stdio.h", False), ("num", True, "stdint.h", True),
+    ("plc", False, "port/linux/clock.h", False), ("plc", False, "plc.h", False),
+])
+def test_rooms_include_only_what_stands_below(room, system, name, right):
+    rules = load(ROOT / "tools/rules.py")
+    assert (rules.check_library_include(ROOT / "lib" / room / "x.c", system, name) is None) == right
+
+
+def test_rules_see_a_heap():
+    rules = load(ROOT / "tools/rules.py")
+    assert rules.FORBIDDEN.search(rules.without_comments("x = malloc(4);"))
+    assert not rules.FORBIDDEN.search(rules.without_comments("// no malloc(4) here\n\"printf(\""))
