@@ -5,6 +5,7 @@
 #include "lib/num/fixed.h"
 
 #define EDGE_BITS 24  // what a float holds exactly
+#define LEAST -100    // quanta and height ranges are at least 2^LEAST, so that their reciprocals are floats
 
 // Origin and pitch of one axis on the quantum 2^log2. False where an edge needs more than EDGE_BITS.
 static bool place_axis(struct canopy_frame *frame, int a, float low, float high, int log2) {
@@ -53,7 +54,7 @@ enum canopy_status canopy_frame_around_f32(struct canopy_frame *frame, const str
         return status;
     }
     // The smallest quantum that could do, then up until both axes fit: the pitch's rounding costs a few steps at most.
-    int quantum = larger(sideways - EDGE_BITS, -149);
+    int quantum = larger(sideways - EDGE_BITS, LEAST);
     while (!place_axis(&made, 0, low[0], high[0], quantum) || !place_axis(&made, 1, low[1], high[1], quantum)) {
         quantum++;
     }

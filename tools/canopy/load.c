@@ -120,8 +120,8 @@ static double unit_for(const struct loader *loader) {
     }
     extent = fmin(fmax(extent, 1e-300), 1e300);
     int exponent = (int)floor(log10(extent)) - 5;
-    exponent += extent / power_of_ten(exponent) >= 1e6;
-    exponent -= extent / power_of_ten(exponent) < 1e5;
+    exponent += extent / power_of_ten(exponent) >= 1e6 * (1.0 - 1e-12);  // log10 and the quotient are rounded
+    exponent -= extent / power_of_ten(exponent) < 1e5 * (1.0 - 1e-12);
     return power_of_ten(exponent);
 }
 

@@ -322,9 +322,9 @@ static bool foreign_frame(struct job *job) {
     const double zero = ldexp((double)job->frame.origin[2], log2);
     const double low = f32 ? (double)job->low.f32[2] : (double)job->low.fx[2];
     const double high = f32 ? (double)job->high.f32[2] : (double)job->high.fx[2];
-    int reach = -125;
+    int reach = -100;  // as lib/cover/frame_f32.c has it
     frexp(fmax(fabs(high - zero), fabs(low - zero)), &reach);
-    job->frame.lsb_log2 = (int16_t)((reach > -125 ? reach : -125) - CANOPY_RANGE_LOG2 - log2);
+    job->frame.lsb_log2 = (int16_t)((reach > -100 ? reach : -100) - CANOPY_RANGE_LOG2 - log2);
     job->frame.quantum_log2 = (int16_t)log2;
     job->frame.size[0] = job->wish->size[0];
     job->frame.size[1] = job->wish->size[1];
