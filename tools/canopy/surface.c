@@ -29,6 +29,7 @@ struct job {
     int32_t *coefficients;                ///< in the library's orientation until they are stored
     uint32_t iterations;
     uint32_t unsettled;
+    double field_ms;
 };
 
 static double now_ms(void) {
@@ -356,7 +357,8 @@ struct resolution {
 static struct resolution choose(const struct job *job) {
     const struct canopy_frame *f = &job->frame;
     if (job->wish->field) {
-        return (struct resolution){.cells = {job->wish->field, job->wish->field}, .lines = 1};
+        return (struct resolution){.cells = {job->wish->field, job->wish->field},
+                                   .lines = job->wish->lines ? job->wish->lines : 1};
     }
     uint16_t cells = CANOPY_CELLS_MAX;
     while (cells > 1 &&
@@ -375,6 +377,7 @@ static size_t feed(const struct job *job, struct canopy_field *field) {
 
 /// As the device does it: the field's own certificate, coefficients raised where it finds something missing.
 static bool certify_field(struct job *job, const struct canopy_field *field) {
+    const double start = now_ms();
     const size_t bytes = CANOPY_CERTIFY_ARENA(job->frame.size[1], field->axis[0].cells, field->axis[1].cells);
     void *arena = malloc(bytes);
     struct canopy_certify certify;
@@ -389,6 +392,7 @@ static bool certify_field(struct job *job, const struct canopy_field *field) {
         }
     }
     free(arena);
+    job->field_ms = now_ms() - start;
     return status == CANOPY_OK ||
            canopy_fault_set(job->fault, "the field's certificate failed: choose another --grid or --field");
 }
@@ -494,6 +498,7 @@ static bool attempt(struct job *job, int quanta, struct canopy_surrogate *s, str
     report->fit_ms = now_ms() - start;
     report->iterations = job->iterations;
     report->unsettled = job->unsettled;
+    report->field_ms = job->field_ms;
     if (!certify(job, s, report)) {
         return false;
     }

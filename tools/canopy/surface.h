@@ -19,6 +19,7 @@ struct canopy_surface_wish {
     double unit;          ///< input units a device unit
     double direction[3];  ///< from the scene to the viewer, any length but 0
     uint16_t field;  ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
+    uint16_t lines;  ///< with a field: lines a knot interval of u, a divisor of `field`; 0: one
     const struct canopy_surrogate *frame;  ///< whose frame to use; NULL: the smallest
 };
 
@@ -28,6 +29,7 @@ struct canopy_surface_report {
     uint32_t iterations;                ///< banded solves
     uint32_t unsettled;                 ///< lines that did not end by themselves
     double fit_ms;
+    double field_ms;        ///< of fit_ms: the field's own certificate
     double certificate_ms;  ///< the last exact pass
 };
 
