@@ -197,6 +197,17 @@ static void fill_columns(struct canopy_fast *fast) {
     }
 }
 
+// What the certificate's 32-bit differences rely on. Data within the frame's own range never come near it.
+static bool fits_format(const struct canopy_fast *fast) {
+    const uint32_t count = (uint32_t)fast->field->frame.size[0] * fast->field->frame.size[1];
+    for (uint32_t i = 0; i < count; i++) {
+        if (fast->b[i] > CANOPY_COEFFICIENT_LIMIT || fast->b[i] < -CANOPY_COEFFICIENT_LIMIT) {
+            return false;
+        }
+    }
+    return true;
+}
+
 // ---- The steps
 
 static bool begin_one(struct canopy_fast *fast) {
@@ -239,7 +250,7 @@ static void next_one(struct canopy_fast *fast) {
         line_fits[fast->scalar].shape(&fast->line, fast->field->frame.size[0], fast->lines);
     } else if (fast->stage == CANOPY_FAST_COLUMNS && fast->index == fast->field->frame.size[1]) {
         fill_columns(fast);
-        fast->stage = CANOPY_FAST_DONE;
+        fast->stage = fits_format(fast) ? CANOPY_FAST_DONE : CANOPY_FAST_FAILED;
     }
 }
 
@@ -257,7 +268,11 @@ enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget) {
             next_one(fast);
         }
     }
-    return fast->stage == CANOPY_FAST_DONE ? CANOPY_OK : CANOPY_MORE;
+    switch (fast->stage) {
+    case CANOPY_FAST_DONE: return CANOPY_OK;
+    case CANOPY_FAST_FAILED: return CANOPY_RANGE;
+    default: return CANOPY_MORE;
+    }
 }
 
 enum canopy_status canopy_fast_raise(const struct canopy_field *field, int32_t *coefficients, uint32_t cell,

@@ -32,7 +32,13 @@
      CANOPY_ARENA_ROUND((CANOPY_LINE_NODES(m, lines) * (size_t)(n) + 7U) / 8U) +                                       \
      CANOPY_ARENA_ROUND(4U * (size_t)CANOPY_MAX(m, n)))
 
-enum canopy_fast_stage { CANOPY_FAST_IDLE, CANOPY_FAST_LINES, CANOPY_FAST_COLUMNS, CANOPY_FAST_DONE };
+enum canopy_fast_stage {
+    CANOPY_FAST_IDLE,
+    CANOPY_FAST_LINES,
+    CANOPY_FAST_COLUMNS,
+    CANOPY_FAST_DONE,
+    CANOPY_FAST_FAILED
+};
 
 struct canopy_fast {
     const struct canopy_field *field;
@@ -60,7 +66,8 @@ enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canop
 /// CANOPY_EMPTY: the field has no data.
 enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coefficients);
 
-/// Does at most `budget` units of work, each one iteration of one line. CANOPY_MORE or CANOPY_OK.
+/// Does at most `budget` units of work, each one iteration of one line. CANOPY_MORE, or CANOPY_OK when it is done;
+/// CANOPY_RANGE: a coefficient left its limit, the result is of no use.
 /// The coefficients are in the library's orientation: above, mirrored for the side below.
 enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget);
 

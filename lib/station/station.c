@@ -358,7 +358,11 @@ static void decide(struct canopy_station *station) {
 }
 
 static void fit(struct canopy_station *station) {
-    if (canopy_fast_step(&station->fast, 1) != CANOPY_OK) {
+    const enum canopy_status status = canopy_fast_step(&station->fast, 1);
+    if (status != CANOPY_OK) {
+        if (status != CANOPY_MORE) {
+            fail(station);
+        }
         return;
     }
     clear_bits(station, station->late_cells);
