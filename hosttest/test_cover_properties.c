@@ -248,6 +248,23 @@ static enum canopy_status make_frame(const struct scene *s, struct canopy_frame 
                                    : canopy_frame_around_fx(frame, &s->grid, from, to);
 }
 
+// What is no number, or no place in the frame, never enters a field: not as a height, not as coverage.
+static void feed_what_is_no_reading(const struct canopy_frame *frame, struct canopy_field *field) {
+    static const float bad[] = {NAN, INFINITY, -INFINITY};
+    const float inside[3] = {ldexpf((float)frame->origin[0], frame->quantum_log2),
+                             ldexpf((float)frame->origin[1], frame->quantum_log2),
+                             ldexpf((float)frame->origin[2], frame->quantum_log2)};
+    for (size_t i = 0; i < 9; i++) {
+        float point[3] = {inside[0], inside[1], inside[2]};
+        point[i % 3] = bad[i / 3];
+        assert_int_equal(canopy_field_feed_f32(field, (const float(*)[3]) & point, 1), 1);
+    }
+    const size_t cells = (size_t)field->axis[0].count * field->axis[1].count;
+    for (size_t c = 0; c < cells; c++) {
+        assert_int_equal(field->heights[c], CANOPY_NO_HEIGHT);
+    }
+}
+
 // Fits and certifies; returns the certified margin in steps.
 static int32_t fit(const struct scene *s, const struct canopy_frame *frame, int32_t *b) {
     struct canopy_field field;
@@ -256,6 +273,9 @@ static int32_t fit(const struct scene *s, const struct canopy_frame *frame, int3
     const uint16_t cells[2] = {frame->cells, frame->cells};
     assert_int_equal(canopy_field_init(&field, frame, cells, field_arena, sizeof field_arena), CANOPY_OK);
     assert_true(field.exact);
+    if (s->cloud.scalar == CANOPY_F32) {
+        feed_what_is_no_reading(frame, &field);
+    }
     const size_t refused = s->cloud.scalar == CANOPY_F32
                                ? canopy_field_feed_f32(&field, (const float(*)[3])s->cloud.f32, s->cloud.count)
                                : canopy_field_feed_fx(&field, (const int32_t(*)[3])s->cloud.fx, s->cloud.count);

@@ -252,8 +252,11 @@ UNIT(field_in_float_agrees_with_exact_edges) {
         struct canopy_field_hit hit;
         CHECK_EQ(canopy_field_insert_f32(&field, bad[i], &hit), CANOPY_OUT_OF_FRAME);
     }
-    const float high_up[3] = {0, 100.4f, INFINITY}, far_down[3] = {0, 100.4f, -INFINITY};
+    const float infinite[2][3] = {{0, 100.4f, INFINITY}, {0, 100.4f, -INFINITY}};
+    const float high_up[3] = {0, 100.4f, 1e30f}, far_down[3] = {0, 100.4f, -1e30f};
     struct canopy_field_hit hit;
+    CHECK_EQ(canopy_field_insert_f32(&field, infinite[0], &hit), CANOPY_OUT_OF_FRAME);
+    CHECK_EQ(canopy_field_insert_f32(&field, infinite[1], &hit), CANOPY_OUT_OF_FRAME);
     CHECK_EQ(canopy_field_insert_f32(&field, high_up, &hit), CANOPY_RANGE);
     CHECK_EQ(canopy_field_insert_f32(&field, far_down, &hit), CANOPY_OK);
 }

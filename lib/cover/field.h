@@ -67,7 +67,8 @@ void canopy_field_clear(struct canopy_field *field);
 
 /// Takes one point in device units of the frame's scalar. The frame's axes must be x, y, z.
 /// CANOPY_OUT_OF_FRAME: beside the frame. CANOPY_RANGE: too far beyond the frame's heights on the side that matters
-/// (the other side is taken as the lowest height there is). The field is then unchanged. NaN is CANOPY_OUT_OF_FRAME.
+/// (the other side is taken as the lowest height there is). The field is then unchanged. NaN and infinities are no
+/// readings: CANOPY_OUT_OF_FRAME.
 enum canopy_status canopy_field_insert_fx(struct canopy_field *field, const int32_t point[3],
                                           struct canopy_field_hit *hit);
 enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const float point[3],

@@ -82,13 +82,12 @@ static enum canopy_status find_any(const struct view_f32 *view, const float p[3]
     if (find(view, p, exact, hit)) {
         return CANOPY_OK;
     }
-    const float height = (p[2] - view->zero) * view->scale;
     const float there[3] = {p[0], p[1], view->zero};  // the same place with an ordinary height
-    if (height != height || !find(view, there, exact, hit)) {
+    if (!isfinite(p[2]) || !find(view, there, exact, hit)) {
         return CANOPY_OUT_OF_FRAME;
     }
     hit->height = -CANOPY_HEIGHT_LIMIT;
-    return height < 0 ? CANOPY_OK : CANOPY_RANGE;
+    return (p[2] - view->zero) * view->scale < 0 ? CANOPY_OK : CANOPY_RANGE;
 }
 
 enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const float point[3],
