@@ -1,0 +1,433 @@
+#!/usr/bin/python3
+"""The whole way, from a scanner to a PLC: a scene is swept into a device, and the PLC's view of it is checked.
+
+Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux] [--scene POINTS] [--short]
+
+A scanner simulator sweeps the scene profile by profile and serves it over Modbus; the device (the firmware on an
+emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. In the end the
+envelope that the PLC holds is checked against every reading the simulator has served, and drawn. Everything is left in
+BUILD/demo. Exit status: 0 the PLC's envelope is safe, 1 anything else, with one line that says what, where, and what to do.
+"""
+
+import argparse
+import ctypes
+import json
+import os
+import re
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BUILD = Path(os.environ.get("BUILD", "build"))
+BUILD = BUILD if BUILD.is_absolute() else ROOT / BUILD
+START_SECONDS = 30  # for a program to say that it is there
+STALL_SECONDS = 30  # without a new profile
+SETTLE_SECONDS = 30  # from the last profile to an envelope that covers it
+SHORT = {"rows": 40, "columns": 60}
+BOARDS = {"mps2_an385": "Cortex-M3 firmware in QEMU (mps2-an385)", "linux": "canopyd on this machine"}
+
+
+class Failure(Exception):
+    """What went wrong, where, and what to do."""
+
+
+def shown(path):
+    """A path as a person would type it."""
+    try:
+        return os.path.relpath(path)
+    except ValueError:
+        return str(path)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Children
+
+def die_with_parent():
+    """In the child: should this program be killed, it is killed too."""
+    ctypes.CDLL(None, use_errno=True).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+class Child:
+    """A program under way; its standard error goes to a log, its standard output is read line by line."""
+
+    def __init__(self, name, command, log):
+        self.name, self.log, self.rest = name, log, b""
+        self.errors = open(log, "wb")
+        try:
+            self.process = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL,
+                                            stdout=subprocess.PIPE, stderr=self.errors, preexec_fn=die_with_parent)
+        except OSError as error:
+            raise Failure(f"{command[0]}: {error.strerror}: run it by 'make demo', which builds it") from error
+
+    def last_words(self):
+        lines = self.log.read_text(errors="replace").strip().splitlines()
+        return lines[-1] if lines else "it said nothing"
+
+    def failure(self, what):
+        return Failure(f"{self.name} {what}: {self.last_words()} (all of it in {shown(self.log)})")
+
+    def check(self):
+        if self.process.poll() is not None:
+            raise self.failure(f"ended with status {self.process.returncode}")
+
+    def line(self, seconds):
+        """The next line, None if none is whole within the time."""
+        end = time.monotonic() + seconds
+        while b"\n" not in self.rest:
+            left = end - time.monotonic()
+            piece = b""
+            if select.select([self.process.stdout], [], [], max(left, 0))[0]:
+                piece = os.read(self.process.stdout.fileno(), 65536)
+            if not piece:  # the time is over, or the program
+                time.sleep(max(min(left, 0.05), 0))
+                return None
+            self.rest += piece
+        line, self.rest = self.rest.split(b"\n", 1)
+        return line.decode(errors="replace")
+
+    def wait_for(self, pattern, seconds=START_SECONDS):
+        """The match of the next line that has the pattern."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            line = self.line(0.2)
+            found = line is not None and re.search(pattern, line)
+            if found:
+                return found
+            if line is None:
+                self.check()
+        raise self.failure(f"did not say '{pattern}' within {seconds} s")
+
+    def stop(self):
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(5)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        self.process.stdout.close()
+        self.errors.close()
+        return self.process.returncode
+
+
+class Children:
+    """All of them, in the order they were started; none outlives this program."""
+
+    def __init__(self, place):
+        self.place, self.running = place, []
+
+    def start(self, name, command):
+        child = Child(name, command, self.place / f"{name}.log")
+        self.running.append(child)
+        return child
+
+    def check(self):
+        for child in self.running:
+            child.check()
+
+    def stop(self):
+        while self.running:
+            self.running.pop().stop()
+
+
+def run(name, command):
+    """A program to its end: (status, output)."""
+    try:
+        done = subprocess.run([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True, errors="replace")
+    except OSError as error:
+        raise Failure(f"{name}: {command[0]}: {error.strerror}: run it by 'make demo', which builds it") from error
+    return done.returncode, done.stdout.strip()
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Devices: where the scanner and the PLC client connect to
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Emulated:
+    """The firmware in QEMU, a pseudo-terminal for each of its lines."""
+
+    name = BOARDS["mps2_an385"]
+
+    def __init__(self, children):
+        image = BUILD / "mps2_an385" / "canopy.elf"
+        if not image.exists():
+            raise Failure(f"{shown(image)} is not there: make firmware")
+        if shutil.which("qemu-system-arm") is None:
+            raise Failure("qemu-system-arm is not installed: tools/setup emulator")
+        self.console = children.place / "console.txt"
+        self.console.write_bytes(b"")
+        self.child = children.start("device", [
+            "qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none", "-serial", "pty", "-serial", "pty",
+            "-serial", f"file:{self.console}", "-kernel", image])
+        lines = [self.child.wait_for(rf"redirected to (\S+) \(label serial{i}\)").group(1) for i in range(2)]
+        self.scanner_line = f"{lines[0]},115200,8N1,1"
+        self.plc_url = f"rtu:{lines[1]},115200,8N1,1"
+        self.wires = f"scanner on UART 0 ({lines[0]}), PLC on UART 1 ({lines[1]}), both Modbus RTU"
+
+    def begin(self, scanner_device):
+        """The firmware has begun by itself."""
+
+    def check(self):
+        text = self.console.read_text(errors="replace")
+        if "fault" in text or text.count(" starts") > 1:
+            raise Failure(f"the firmware has started anew (its words in {shown(self.console)}): that is a defect of canopy")
+
+
+class Linux:
+    """canopyd: the scanner on a pseudo-terminal that the simulator makes, the PLC by TCP."""
+
+    name = BOARDS["linux"]
+
+    def __init__(self, children):
+        self.children, self.port = children, free_port()
+        self.scanner_line = f"{children.place / 'scanner-line'},115200,8E1,1"
+        self.plc_url = f"tcp:127.0.0.1:{self.port}"
+        self.wires = f"scanner on a serial line (Modbus RTU), PLC on 127.0.0.1:{self.port} (Modbus TCP)"
+
+    def begin(self, scanner_device):
+        child = self.children.start("device", [BUILD / "host" / "canopyd", "--scanner",
+                                               f"modbus-rtu:{scanner_device},115200,8E1,1",
+                                               "--modbus", f"tcp:127.0.0.1:{self.port}"])
+        child.wait_for("^ready$")
+
+    def check(self):
+        """Nothing that its exit status would not say."""
+
+
+DEVICES = {"mps2_an385": Emulated, "linux": Linux}
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The scene and its scanner
+
+def make_terrain(to, short):
+    command = [ROOT / "tools" / "terrain.py", to]
+    if short:
+        command += [word for name, value in SHORT.items() for word in (f"--{name}", value)]
+    status, output = run("terrain.py", [sys.executable, *command])
+    if status != 0:
+        raise Failure(output.splitlines()[-1] if output else "terrain.py failed")
+
+
+class Scanner:
+    """The simulator, and how far it is."""
+
+    def __init__(self, children, scene, line, shape):
+        self.served_file = children.place / "served.xyz"
+        command = [BUILD / "host" / "canopy-scanner", "--rtu", line, "--served", self.served_file, "--progress"]
+        self.child = children.start("scanner", command + shape + [scene])
+        self.device = self.child.wait_for(r"^rtu (\S+)$").group(1)
+        scene = self.child.wait_for(r"profiles (\d+) columns (\d+) unit (\S+)")
+        self.profiles, self.columns, self.unit = int(scene.group(1)), int(scene.group(2)), float(scene.group(3))
+        self.profile, self.served, self.over, self.read = 0, 0, None, 0
+
+    def look(self):
+        """Reads what the log has to say since the last look."""
+        with open(self.child.log, "rb") as log:
+            log.seek(self.read)
+            text = log.read()
+        text = text[:text.rfind(b"\n") + 1]
+        self.read += len(text)
+        for line in text.decode(errors="replace").splitlines():
+            progress = re.match(r"profile (\d+)/(\d+) valid (\d+)", line)
+            over = re.match(r"sweep over: .* (\d+) readings served, (\d+) doubtful, (\d+) missed", line)
+            if progress:
+                self.profile, self.served = int(progress.group(1)), int(progress.group(3))
+            if over:
+                self.over = [int(number) for number in over.groups()]
+                self.served = self.over[0]
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The PLC
+
+class Plc:
+    """The client, looking on while the sweep goes on; what it saw last."""
+
+    def __init__(self, children, url):
+        self.url, self.seen = url, {}
+        self.child = children.start("plc", [BUILD / "host" / "canopy-plc", url, "watch", "--json", "--interval", "0.25",
+                                            "--answer-timeout", "1000"])
+
+    def look(self):
+        while (line := self.child.line(0.1)) is not None:
+            try:
+                self.seen = json.loads(line)
+            except ValueError as error:
+                raise Failure(f"canopy-plc prints '{line}', which is no JSON: that is a defect of canopy") from error
+
+    def read(self, points, to):
+        """The whole envelope that covers so many readings, from registers alone, as a surrogate file."""
+        self.child.stop()
+        status, output = run("canopy-plc", [BUILD / "host" / "canopy-plc", self.url, "read", "--json", "-o", to,
+                                            "--until-points", points, "--timeout", SETTLE_SECONDS,
+                                            "--answer-timeout", "1000"])
+        if status != 0:
+            raise Failure(f"the PLC could not read the envelope: {output} (what it saw before: {self.seen})")
+        return json.loads(output.splitlines()[-1])
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# What a person sees
+
+class Progress:
+    """A bar that moves on a terminal; elsewhere a line for each tenth."""
+
+    def __init__(self, total):
+        self.total, self.tenth, self.moving = total, -1, sys.stdout.isatty()
+
+    def show(self, done, seen):
+        width = 24
+        bar = "#" * (width * done // self.total)
+        text = f"[{bar:<{width}}] {done:{len(str(self.total))}}/{self.total} profiles"
+        if seen:
+            text += (f"   PLC sees: sequence {seen['sequence']}, {seen['points']} points, {seen['coverage_pct']} % covered, "
+                     f"{seen['status_text']}")
+        if self.moving:
+            columns = shutil.get_terminal_size().columns
+            print("\r" + text[:columns - 1].ljust(columns - 1), end="", flush=True)
+        elif 10 * done // self.total > self.tenth:
+            self.tenth = 10 * done // self.total
+            print(text, flush=True)
+
+    def end(self):
+        if self.moving:
+            print(flush=True)
+
+
+def sweep(scanner, plc, device, children):
+    """Until the sweep is over."""
+    progress, moved, last = Progress(scanner.profiles), time.monotonic(), -1
+    try:
+        while scanner.over is None:
+            children.check()
+            device.check()
+            scanner.look()
+            plc.look()
+            progress.show(scanner.profile, plc.seen)
+            if scanner.profile != last:
+                last, moved = scanner.profile, time.monotonic()
+            elif time.monotonic() - moved > STALL_SECONDS:
+                raise Failure(f"the scanner stands at profile {scanner.profile} of {scanner.profiles} for {STALL_SECONDS} s: "
+                              f"the device does not read it; see {shown(children.place)}/*.log")
+    finally:
+        progress.end()
+    served, doubtful, missed = scanner.over
+    if doubtful or missed:
+        raise Failure(f"{doubtful} readings were served too late and {missed} not at all, so that nobody knows which the device "
+                      "has: run it again while the machine is less busy")
+    return served
+
+
+def check(surrogate, served_file):
+    """The verdict of `canopy check`, which is exact."""
+    status, output = run("canopy check", [BUILD / "host" / "canopy", "check", surrogate, served_file])
+    if status != 0:
+        raise Failure(f"the PLC's envelope is not above every reading, or could not be checked: {output} "
+                      f"({shown(surrogate)}, {shown(served_file)}): that is a defect of canopy")
+    return output
+
+
+def draw(surrogate, served_file, to):
+    status, output = run("canopy plot", [BUILD / "host" / "canopy", "plot", surrogate, served_file, "-o", to])
+    if status != 0:
+        raise Failure(f"canopy plot: {output}: tools/setup demo")
+
+
+def report(envelope, served, verdict, seconds):
+    gap = re.search(r"mean gap ([\d.]+)% of the height range, max ([\d.]+)%", verdict)
+    rows = [("grid", f"{envelope['grid_m']} x {envelope['grid_n']} coefficients, {envelope['scalar']}, {envelope['side']}, "
+                     f"unit {envelope['unit']:.9g}"),
+            ("sequence", f"{envelope['sequence']} publications"),
+            ("points", f"{envelope['points']}, every one of the {served} valid readings served"),
+            ("coverage", f"{envelope['coverage_pct']} % of the knot cells"),
+            ("margin", f"{envelope['margin'] * envelope['unit']:.6g} certified above every field cell"),
+            ("gap", f"mean {gap.group(1)} %, largest {gap.group(2)} % of the height range" if gap else "?"),
+            ("status", envelope["status_text"]),
+            ("check", verdict)]
+    print(f"\nWhat the PLC read, from registers alone, after {seconds:.0f} s:")
+    for name, value in rows:
+        print(f"  {name:9} {value}")
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+
+def fresh_place():
+    """build/demo without what an earlier run left there."""
+    place = BUILD / "demo"
+    place.mkdir(parents=True, exist_ok=True)
+    for old in place.iterdir():
+        if old.is_file() or old.is_symlink():
+            old.unlink()
+    return place
+
+
+def play(arguments, children):
+    began, place = time.monotonic(), children.place
+    scene, shape = arguments.scene, []
+    if scene is None:
+        scene = place / "scene.xyz"
+        make_terrain(scene, arguments.short)
+    elif arguments.short:
+        shape = ["--profiles", SHORT["rows"], "--columns", SHORT["columns"]]
+    device = DEVICES[arguments.board](children)
+    scanner = Scanner(children, scene, device.scanner_line, shape)
+    title = "the Jacksboro fault terrain" if arguments.scene is None else shown(scene)
+    print(f"canopy: {title}, {scanner.profiles} profiles of {scanner.columns} columns, unit {scanner.unit:.9g},\n"
+          f"  into {device.name}:\n  {device.wires}", flush=True)
+    device.begin(scanner.device)
+    plc = Plc(children, device.plc_url)
+    served = sweep(scanner, plc, device, children)
+    surrogate, picture = place / "surrogate.json", place / "picture.png"
+    envelope = plc.read(served, surrogate)
+    device.check()
+    if envelope["points"] != served:
+        raise Failure(f"the PLC's envelope covers {envelope['points']} readings, and {served} were served: that is a defect "
+                      f"of canopy; see {shown(place)}")
+    children.stop()
+    verdict = check(surrogate, scanner.served_file)
+    report(envelope, served, verdict, time.monotonic() - began)
+    draw(surrogate, scanner.served_file, picture)
+    print(f"\n  surrogate {shown(surrogate)}\n  readings  {shown(scanner.served_file)}\n  picture   {shown(picture)}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--board", choices=sorted(DEVICES), default="mps2_an385")
+    parser.add_argument("--scene", type=Path, help="points to sweep, .xyz or .ply, instead of the terrain")
+    parser.add_argument("--short", action="store_true", help="fewer profiles and columns")
+    arguments = parser.parse_args()
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: sys.exit(1))
+    try:
+        children = Children(fresh_place())
+        try:
+            play(arguments, children)
+        finally:
+            children.stop()
+    except Failure as failure:
+        print(f"demo: {failure}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"demo: {error.filename or shown(BUILD)}: {error.strerror}: make room or give rights there", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\ndemo: stopped", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
