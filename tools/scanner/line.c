@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -15,6 +16,12 @@ static const struct {
 } speeds[] = {{1200, B1200},     {2400, B2400},     {4800, B4800},     {9600, B9600},
               {19200, B19200},   {38400, B38400},   {57600, B57600},   {115200, B115200},
               {230400, B230400}, {460800, B460800}, {921600, B921600}, {1000000, B1000000}};
+
+// The other end of a pseudo-terminal: it has no parity, and asking for nothing else is an error there.
+static bool is_pseudo(int file) {
+    struct stat info;
+    return fstat(file, &info) == 0 && major(info.st_rdev) >= 136 && major(info.st_rdev) <= 143;
+}
 
 static bool make_raw(int file, const struct canopy_wire_line *options) {
     struct termios mode;
@@ -27,9 +34,9 @@ static bool make_raw(int file, const struct canopy_wire_line *options) {
     cfmakeraw(&mode);
     mode.c_cflag |= CLOCAL | CREAD;
     mode.c_cflag &= ~(tcflag_t)(PARENB | PARODD | CSTOPB | CRTSCTS);
-    if (options->parity != 'N')
+    if (options->parity != 'N' && !is_pseudo(file))
         mode.c_cflag |= PARENB;
-    if (options->parity == 'O')
+    if (options->parity == 'O' && !is_pseudo(file))
         mode.c_cflag |= PARODD;
     if (options->stop_bits == 2)
         mode.c_cflag |= CSTOPB;
