@@ -177,27 +177,41 @@ static int write_envelope(const struct arguments *a, struct plc_device *device, 
     return written ? EXIT_OK : fail(EXIT_INPUT, &fault);
 }
 
+static bool say_waiting(const struct arguments *a, const struct plc_device *device, struct canopy_fault *fault) {
+    char text[48];
+    const uint32_t *value = device->value;
+    if (value[PLC_SEQUENCE] == 0)
+        return canopy_fault_set(fault, "no envelope is published: status %s", report_bits(value[PLC_STATUS], text));
+    return canopy_fault_set(
+        fault, "no envelope of %" PRIu64 " points: sequence %" PRIu32 ", points %" PRIu32 ", status %s",
+        a->until_points, value[PLC_SEQUENCE], value[PLC_POINTS], report_bits(value[PLC_STATUS], text));
+}
+
+// One try. False: not yet, and `fault` says why.
+static bool try_read(const struct arguments *a, struct plc_device *device, bool *known,
+                     struct canopy_surrogate *surrogate, struct canopy_fault *fault) {
+    if (!look(device, known, fault))
+        return false;
+    if (!is_wanted(a, device))
+        return say_waiting(a, device, fault);
+    if (!plc_device_envelope(device, surrogate, fault))
+        return false;
+    if (is_wanted(a, device))  // it may be newer than what was looked at
+        return true;
+    canopy_surrogate_free(surrogate);
+    return say_waiting(a, device, fault);
+}
+
 static int run_read(const struct arguments *a, struct plc_device *device) {
-    const double timeout_s = a->timeout_s >= 0 ? a->timeout_s : 10,
-                 interval_s = a->interval_s >= 0 ? a->interval_s : 0.2;
+    const double timeout_s = a->timeout_s >= 0 ? a->timeout_s : 10;
+    const double interval_s = a->interval_s >= 0 ? a->interval_s : 0.2;
     const uint64_t begin_ms = plc_now_ms();
     struct canopy_surrogate surrogate;
     struct canopy_fault fault = {""};
     bool known = false;
     do {
-        const bool looked = look(device, &known, &fault);
-        if (looked && is_wanted(a, device) && plc_device_envelope(device, &surrogate, &fault)) {
-            // What was read may be newer than what was looked at: only what was read counts.
-            if (is_wanted(a, device))
-                return write_envelope(a, device, &surrogate);
-            canopy_surrogate_free(&surrogate);
-        } else if (looked) {
-            char text[48];
-            canopy_fault_set(&fault,
-                             "no envelope of %" PRIu64 " points: sequence %" PRIu32 ", points %" PRIu32 ", status %s",
-                             a->until_points, device->value[PLC_SEQUENCE], device->value[PLC_POINTS],
-                             report_bits(device->value[PLC_STATUS], text));
-        }
+        if (try_read(a, device, &known, &surrogate, &fault))
+            return write_envelope(a, device, &surrogate);
         plc_sleep_ms((uint32_t)(interval_s * 1000));
     } while (!expired(timeout_s, begin_ms));
     return fail(EXIT_LATE, &fault);
