@@ -261,6 +261,18 @@ def test_broken_and_late_answers_change_nothing(kind, out):
             out.unlink()
 
 
+def test_an_answer_that_comes_while_the_next_request_waits_is_not_its_answer(out):
+    """The first answer comes so late that it is taken for the repetition's; then that one's answers the next request."""
+    registers = Registers()
+    wanted = registers.envelope(9, 12, 20)
+    for at in range(1, 11):
+        late = {at: 0.15, at + 1: 0.06}
+        with RtuDevice(registers, lambda _device, number, _address, late=late: late.get(number)) as device:
+            plc(device, "read", "-o", out, "--answer-timeout", 100, "--timeout", 20)
+        assert json.loads(out.read_text()) == wanted, at
+        out.unlink()
+
+
 def test_what_is_not_a_canopy_device_is_refused(out):
     cases = [("magic", 7, "no canopy device"), ("probe_u32", 0x56781234, "swaps words"),
              ("probe_f32", 2.0, "word order"), ("map_version", 99, "--map"),
