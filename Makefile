@@ -48,7 +48,7 @@ HOST_LIBS := -Wl,--as-needed -lmodbus -lgmp -ljansson -lm -pthread
 # ---------------------------------------------------------------------------------------------------------------------
 # What must be installed: checked quickly before anything of its kind is built, installed only when missing.
 
-SETUP_GROUPS := host test firmware emulator python lint coverage fuzz bench
+SETUP_GROUPS := host test firmware emulator demo python lint coverage fuzz bench
 .PHONY: $(addprefix setup-,$(SETUP_GROUPS))
 $(addprefix setup-,$(SETUP_GROUPS)): setup-%:
 	@tools/setup $*
@@ -203,8 +203,8 @@ endif
 # Whole runs: scripts of tools/ that take what has been built
 
 .PHONY: demo bench
-demo: tools firmware | setup-python setup-emulator  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
-	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene $(SCENE)) $(DEMO)
+demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
+	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
 bench: tools firmware | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
 	@BUILD=$(BUILD) $(PYTHON) tools/bench.py $(BENCH)
 
