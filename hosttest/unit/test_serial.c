@@ -1,0 +1,373 @@
+// A whole device on two serial lines, in virtual time: the test is the scanner on one line and the PLC on the other.
+#include "hosttest/unit/unit.h"
+#include "lib/modbus/rtu.h"
+#include "lib/plc/map.h"
+#include "lib/scan/generic.h"
+#include "lib/station/serial.h"
+
+#define M 5
+#define N 4
+#define CELLS 2
+#define COLUMNS 12
+#define PROFILES 9
+#define BAUD 115200u
+#define SILENCE_US 1750u
+
+// ---- Time and wires
+
+static uint64_t now_us;
+
+static uint64_t tell_time(void *context) {
+    (void)context;
+    return now_us;
+}
+
+// One direction of a line: at most `room` bytes are taken at once, everything that was taken can be read.
+struct wire {
+    uint8_t bytes[512];
+    size_t have, room;
+};
+
+struct line {
+    struct wire to_device, from_device;
+    uint32_t lost;
+};
+
+static struct line scanner_line, plc_line;
+
+static size_t take(struct wire *wire, uint8_t *to, size_t length) {
+    const size_t count = length < wire->have ? length : wire->have;
+    memcpy(to, wire->bytes, count);
+    wire->have -= count;
+    memmove(wire->bytes, wire->bytes + count, wire->have);
+    return count;
+}
+
+static size_t put(struct wire *wire, const uint8_t *from, size_t length) {
+    const size_t space = sizeof wire->bytes - wire->have, fits = length < space ? length : space;
+    const size_t count = fits < wire->room ? fits : wire->room;
+    memcpy(wire->bytes + wire->have, from, count);
+    wire->have += count;
+    return count;
+}
+
+static size_t device_read(void *context, uint8_t *to, size_t length) {
+    return take(&((struct line *)context)->to_device, to, length);
+}
+
+static size_t device_write(void *context, const uint8_t *from, size_t length) {
+    return put(&((struct line *)context)->from_device, from, length);
+}
+
+static bool device_sent(void *context) { return ((struct line *)context)->from_device.have == 0; }
+
+static uint32_t device_lost(void *context) { return ((struct line *)context)->lost; }
+
+static struct canopy_stream stream_of(struct line *line) {
+    line->to_device.have = line->from_device.have = 0;
+    line->to_device.room = line->from_device.room = sizeof line->to_device.bytes;
+    line->lost = 0;
+    return (struct canopy_stream){line, device_read, device_write, device_sent, device_lost};
+}
+
+// ---- The scanner: a generic map behind an RTU server
+
+static struct {
+    struct canopy_modbus_rtu_server server;
+    uint16_t sequence;  // of the profile shown, from 1
+    bool read_whole;
+    bool silent;
+    uint32_t spoil;  // replies to spoil, then none
+} scanner;
+
+static uint16_t height_of(uint16_t profile, uint16_t column) {
+    const bool none = (profile + 2 * column) % 7 == 3;
+    return none ? CANOPY_GENERIC_INVALID : (uint16_t)(1000 + 90 * profile + 40 * ((column * 5) % 7));
+}
+
+static uint16_t valid_of(uint16_t profile) {
+    uint16_t count = 0;
+    for (uint16_t i = 0; i < COLUMNS; i++)
+        count = (uint16_t)(count + (height_of(profile, i) != CANOPY_GENERIC_INVALID));
+    return count;
+}
+
+static uint32_t description(uint16_t at) {
+    static const uint32_t words[CANOPY_GENERIC_D_COUNT / 2] = {
+        CANOPY_GENERIC_MAGIC,
+        (1u << 16) | 3u,
+        (COLUMNS << 16) | PROFILES,
+        (uint32_t)-500,
+        100,
+        0,
+        (1u << 16) | 5u,
+        (uint32_t)-500,
+        0,
+        900,
+        700,
+        900,
+        3000,
+        0x3F000000u,  // half a millimetre a unit
+    };
+    return words[at / 2];
+}
+
+static uint16_t profile_register(uint16_t at) {
+    const uint16_t profile = (uint16_t)(scanner.sequence - 1);
+    const uint32_t y = 100u * profile;
+    switch (at) {
+    case CANOPY_GENERIC_P_SEQUENCE: return scanner.sequence;
+    case CANOPY_GENERIC_P_ID: return 3;
+    case CANOPY_GENERIC_P_POSITION: return (uint16_t)(y >> 16);
+    case CANOPY_GENERIC_P_POSITION + 1: return (uint16_t)y;
+    case CANOPY_GENERIC_P_VALID: return valid_of(profile);
+    default: break;
+    }
+    const uint16_t column = (uint16_t)(at - CANOPY_GENERIC_P_COUNT);
+    return column < COLUMNS ? height_of(profile, column) : scanner.sequence;
+}
+
+static uint8_t scanner_read(void *context, uint8_t client, uint16_t address, uint16_t count, uint8_t *to) {
+    (void)context, (void)client;
+    const uint16_t end = CANOPY_GENERIC_HEIGHTS + COLUMNS + 1;
+    if (address + count > end)
+        return CANOPY_MODBUS_ILLEGAL_ADDRESS;
+    if (address == CANOPY_GENERIC_PROFILE && scanner.read_whole && scanner.sequence < PROFILES) {
+        scanner.sequence++;
+        scanner.read_whole = false;
+    }
+    for (uint16_t i = 0; i < count; i++) {
+        const uint16_t at = (uint16_t)(address + i);
+        const uint16_t value = at < CANOPY_GENERIC_PROFILE ? (uint16_t)(description(at) >> (at % 2 == 0 ? 16 : 0))
+                                                           : profile_register((uint16_t)(at - CANOPY_GENERIC_PROFILE));
+        to[2 * i] = (uint8_t)(value >> 8);
+        to[2 * i + 1] = (uint8_t)value;
+    }
+    scanner.read_whole = scanner.read_whole || address + count == end;
+    return 0;
+}
+
+static uint8_t scanner_write(void *context, uint8_t client, uint16_t address, uint16_t count, const uint8_t *from,
+                             uint8_t function) {
+    (void)context, (void)client, (void)address, (void)count, (void)from, (void)function;
+    return CANOPY_MODBUS_ILLEGAL_FUNCTION;
+}
+
+static const struct canopy_modbus_bank scanner_bank = {.read = scanner_read, .write = scanner_write};
+
+static void run_scanner(void) {
+    uint8_t bytes[64], reply[CANOPY_MODBUS_RTU_ADU_MAX];
+    size_t count;
+    while ((count = take(&scanner_line.from_device, bytes, sizeof bytes)) > 0)
+        canopy_modbus_rtu_server_feed(&scanner.server, bytes, count, now_us);
+    const uint8_t *at;
+    const size_t length = canopy_modbus_rtu_server_poll(&scanner.server, now_us, &at);
+    if (length == 0)
+        return;
+    memcpy(reply, at, length);
+    canopy_modbus_rtu_server_sent(&scanner.server, length, now_us);
+    if (scanner.spoil > 0) {
+        scanner.spoil--;
+        reply[length - 1] ^= 1u;
+    }
+    if (!scanner.silent)
+        (void)put(&scanner_line.to_device, reply, length);
+}
+
+// ---- The device and its PLC
+
+static CANOPY_ARENA_DECLARE(arena, CANOPY_SERIAL_ARENA(M, N, CELLS, 1, COLUMNS, 1));
+static struct canopy_serial serial;
+static struct canopy_modbus_rtu_client plc;
+static uint64_t due_us;
+
+static struct canopy_serial_config usual(void) {
+    return (struct canopy_serial_config){
+        .clock = {NULL, tell_time},
+        .scanner = {.stream = stream_of(&scanner_line), .baud = BAUD, .character_bits = 10, .unit = 4},
+        .plc = {.stream = stream_of(&plc_line), .baud = BAUD, .character_bits = 10, .unit = 9},
+        .table = &canopy_profile_generic,
+        .columns = COLUMNS,
+        .timeout_us = 20000,
+        .station = {.grid = {.size = {M, N}, .cells = CELLS, .side = CANOPY_ABOVE},
+                    .lines = 1,
+                    .clients = 1,
+                    .unit = 1.0F,
+                    .stale_after_us = 3000000,
+                    .interval_us = 10000,
+                    .refresh_us = 10000},
+        .readings = 5,
+        .budget = 2,
+    };
+}
+
+static void start_with(const struct canopy_serial_config *config) {
+    const struct canopy_modbus_rtu_server_config server = {
+        .bank = &scanner_bank, .unit = 4, .character_bits = 10, .baud = BAUD};
+    const struct canopy_modbus_rtu_client_config client = {.character_bits = 10, .baud = BAUD, .timeout_us = 50000};
+    scanner.sequence = 1;
+    scanner.read_whole = scanner.silent = false;
+    scanner.spoil = 0;
+    due_us = 0;
+    CHECK_EQ(canopy_modbus_rtu_server_init(&scanner.server, &server), CANOPY_OK);
+    CHECK_EQ(canopy_modbus_rtu_client_init(&plc, &client, now_us), CANOPY_OK);
+    CHECK_EQ(canopy_serial_init(&serial, config, arena, sizeof arena), CANOPY_OK);
+}
+
+static void start(void) {
+    now_us = 1000000;
+    const struct canopy_serial_config config = usual();
+    start_with(&config);
+}
+
+// A tick of 100 us for all three; the device sleeps until bytes come or what it asked for is due.
+static void tick(void) {
+    now_us += 100;
+    run_scanner();
+    if (due_us <= now_us || scanner_line.to_device.have > 0 || plc_line.to_device.have > 0)
+        due_us = canopy_serial_step(&serial);
+}
+
+static void run_for(uint32_t us) {
+    for (const uint64_t end_us = now_us + us; now_us < end_us;)
+        tick();
+}
+
+// The PLC reads registers through the line; returns how long it waited.
+static uint32_t plc_read(uint16_t address, uint16_t count, uint16_t *to) {
+    const struct canopy_modbus_request request = {.unit = 9, .function = 3, .address = address, .count = count};
+    CHECK_EQ(canopy_modbus_rtu_client_start(&plc, &request), CANOPY_OK);
+    uint64_t sent_us = 0;
+    enum canopy_modbus_outcome outcome;
+    while ((outcome = canopy_modbus_rtu_client_poll(&plc, now_us)) == CANOPY_MODBUS_PENDING) {
+        const uint8_t *bytes;
+        uint8_t answer[64];
+        size_t length = canopy_modbus_rtu_client_pending(&plc, now_us, &bytes);
+        if (length > 0) {
+            canopy_modbus_rtu_client_sent(&plc, put(&plc_line.to_device, bytes, length), now_us);
+            sent_us = now_us;
+        }
+        tick();
+        while ((length = take(&plc_line.from_device, answer, sizeof answer)) > 0)
+            canopy_modbus_rtu_client_feed(&plc, answer, length, now_us);
+    }
+    CHECK_EQ(outcome, CANOPY_MODBUS_DONE);
+    CHECK_EQ(canopy_modbus_rtu_client_registers(&plc, to, count), count);
+    return (uint32_t)(now_us - sent_us);
+}
+
+static uint32_t all_valid(void) {
+    uint32_t count = 0;
+    for (uint16_t i = 0; i < PROFILES; i++)
+        count += valid_of(i);
+    return count;
+}
+
+// Where the PLC finds what: protocol addresses of the register map, which never change.
+enum { MAGIC = 0, STATUS = 101, SEQUENCE = 120, POINTS = 122, UNIT_F32 = 128, SCAN_ERRORS = 304 };
+
+static uint32_t plc_read32(uint16_t address) {
+    uint16_t words[2];
+    (void)plc_read(address, 2, words);
+    return (uint32_t)words[0] << 16 | words[1];
+}
+
+// ---- Tests
+
+UNIT(a_sweep_becomes_an_envelope) {
+    start();
+    run_for(2000000);
+    CHECK_EQ(serial.driver.counters.profiles, PROFILES);
+    CHECK_EQ(plc_read32(POINTS), all_valid());
+    CHECK(plc_read32(SEQUENCE) > 0);
+    uint16_t status;
+    (void)plc_read(STATUS, 1, &status);
+    CHECK_EQ(status, CANOPY_PLC_VALID);
+    CHECK_EQ(plc_read32(UNIT_F32), 0x3F000000u);  // the scanner's, not the configured 1
+    CHECK_EQ(serial.station.rejected, 0);
+}
+
+UNIT(the_plc_is_answered_at_its_silence) {
+    start();
+    uint16_t words[2];
+    for (int i = 0; i < 40; i++) {
+        const uint32_t waited_us = plc_read(MAGIC, 2, words);
+        // 8 bytes of request and 9 of answer on the wire, T3.5 before the answer and after it
+        CHECK(waited_us >= SILENCE_US);
+        CHECK(waited_us <= 2 * SILENCE_US + 17 * 87 + 1000);
+        CHECK_EQ(words[0], 0x434E);
+        run_for(7300);
+    }
+}
+
+UNIT(a_silent_scanner_is_a_fault_and_the_plc_is_answered) {
+    start();
+    scanner.silent = true;
+    run_for(5000000);
+    CHECK_EQ(serial.station.sensor_faults, 1);
+    CHECK(serial.driver.counters.failures[CANOPY_SCAN_TIMEOUT] > 0);
+    CHECK_EQ(serial.driver.counters.failures[CANOPY_SCAN_CRC], 0);
+    CHECK_EQ(plc_read32(MAGIC), 0x434E5059u);
+    CHECK(plc_read32(SCAN_ERRORS) > 0);
+    scanner.silent = false;
+    run_for(3000000);
+    CHECK_EQ(plc_read32(POINTS), all_valid());
+}
+
+UNIT(spoiled_answers_are_counted_and_read_again) {
+    start();
+    scanner.spoil = 3;
+    run_for(3000000);
+    CHECK_EQ(serial.driver.counters.failures[CANOPY_SCAN_CRC], 3);
+    CHECK_EQ(plc_read32(POINTS), all_valid());
+}
+
+UNIT(a_line_that_takes_a_byte_at_a_time_is_enough) {
+    start();
+    scanner_line.from_device.room = plc_line.from_device.room = 1;
+    run_for(4000000);
+    CHECK_EQ(plc_read32(POINTS), all_valid());
+}
+
+UNIT(lost_bytes_are_shown) {
+    start();
+    plc_line.lost = 17;
+    run_for(10000);
+    CHECK_EQ(serial.station.port.lost_bytes, 17);
+}
+
+UNIT(a_scanner_without_scene_gets_the_configured_frame) {
+    struct canopy_serial_config config = usual();
+    struct canopy_frame frame;
+    const int32_t low[3] = {0, 0, 0}, high[3] = {1000, 1000, 1000};
+    CHECK_EQ(canopy_frame_around_fx(&frame, &config.station.grid, low, high), CANOPY_OK);
+    config.frame = &frame;
+    start_with(&config);
+    CHECK_EQ(serial.station.stage, CANOPY_STATION_RESTING);
+    CHECK_EQ(serial.station.field.frame.pitch[0], frame.pitch[0]);
+}
+
+UNIT(bad_configurations_are_refused) {
+    struct canopy_serial_config config = usual();
+    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena - 8), CANOPY_ARENA_SHORT);
+    CHECK_EQ(canopy_serial_init(&serial, &config, (uint8_t *)arena + 4, sizeof arena - 4), CANOPY_ARENA_ALIGN);
+    config.budget = 0;
+    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    config = usual();
+    config.readings = 0;
+    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    config = usual();
+    config.station.clients = 2;
+    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    config = usual();
+    config.plc.unit = 0;
+    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    config = usual();
+    config.timeout_us = 0;
+    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+}
+
+UNIT_LIST(serial, a_sweep_becomes_an_envelope, the_plc_is_answered_at_its_silence,
+          a_silent_scanner_is_a_fault_and_the_plc_is_answered, spoiled_answers_are_counted_and_read_again,
+          a_line_that_takes_a_byte_at_a_time_is_enough, lost_bytes_are_shown,
+          a_scanner_without_scene_gets_the_configured_frame, bad_configurations_are_refused)
