@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/signalfd.h>
 #include <time.h>
 #include <unistd.h>
@@ -21,7 +22,8 @@ enum {
     SPARE_US = 5000000,  // a TCP client idle for so long makes room for another
     HANG_US = 3000000,   // a scanner's thread silent for so long hangs in a read
     CALM_US = 1000000,   // between two lines about the status
-    STOP_US = 1000000
+    STOP_US = 1000000,
+    DESCRIPTORS_SPARE = 16  // standard streams, signals, events, the scanner's link, a file being read
 };
 
 #define CELLS_MOST (1U << 22)
@@ -152,6 +154,18 @@ static bool open_scanner(struct canopyd *daemon, const struct canopyd_options *o
     return true;
 }
 
+// So that no connection is ever refused for want of a descriptor, and poll takes the whole list.
+static bool enough_descriptors(const struct canopyd_options *options, struct canopy_fault *fault) {
+    struct rlimit limit;
+    rlim_t needed = DESCRIPTORS_SPARE;
+    for (unsigned i = 0; i < options->modbus_count; i++) {
+        needed += options->modbus[i].tcp ? CANOPY_LINUX_TCP_FDS + 1 : 1;  // a newcomer is taken before it is sent away
+    }
+    return getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur >= needed ||
+           canopy_fault_set(fault, "only %llu open files are allowed: give %llu by ulimit -n, or fewer --modbus",
+                            (unsigned long long)limit.rlim_cur, (unsigned long long)needed);
+}
+
 static bool block_signals(struct canopyd *daemon, struct canopy_fault *fault) {
     sigset_t set;
     sigemptyset(&set);
@@ -168,8 +182,9 @@ bool canopyd_open(struct canopyd *daemon, const struct canopyd_options *options,
     daemon->signals = -1;
     struct canopy_grid grid;
     struct canopy_frame frame;
-    if (!block_signals(daemon, fault) || !plan(daemon, options, &grid, &frame, fault) ||
-        !open_scanner(daemon, options, fault) || !open_station(daemon, options, &grid, fault)) {
+    if (!block_signals(daemon, fault) || !enough_descriptors(options, fault) ||
+        !plan(daemon, options, &grid, &frame, fault) || !open_scanner(daemon, options, fault) ||
+        !open_station(daemon, options, &grid, fault)) {
         return false;
     }
     if (daemon->framed && canopy_station_begin(&daemon->station, &frame) != CANOPY_OK) {
@@ -306,8 +321,9 @@ static void serve(struct canopyd *daemon, const struct pollfd *fds) {
     }
 }
 
-// One turn; false when a signal has come.
-static bool turn(struct canopyd *daemon) {
+enum turn { GO_ON, SIGNALLED, BROKEN };
+
+static enum turn turn(struct canopyd *daemon) {
     struct pollfd fds[FDS_MOST];
     uint64_t due_us, now_us = canopy_linux_now_us();
     const unsigned count_fds = watch(daemon, fds, now_us, &due_us);
@@ -316,11 +332,12 @@ static bool turn(struct canopyd *daemon) {
     const struct timespec wait = {.tv_sec = 0, .tv_nsec = wait_ns};
     if (ppoll(fds, count_fds, &wait, NULL) < 0 && errno != EINTR) {
         canopy_linux_log("poll: %s", strerror(errno));
-        return false;
+        return BROKEN;
     }
     daemon->turn_us = canopy_linux_now_us();
     if (fds[0].revents != 0) {
-        return false;
+        canopy_linux_log("ended by a signal");
+        return SIGNALLED;
     }
     serve(daemon, fds);
     take_readings(daemon);
@@ -328,12 +345,15 @@ static bool turn(struct canopyd *daemon) {
     now_us = canopy_linux_now_us();
     count(daemon, now_us);
     tell(daemon, now_us);
-    return true;
+    return GO_ON;
 }
 
-void canopyd_run(struct canopyd *daemon) {
-    while (turn(daemon)) {}
-    canopy_linux_log("ended by a signal");
+bool canopyd_run(struct canopyd *daemon) {
+    enum turn last;
+    do {
+        last = turn(daemon);
+    } while (last == GO_ON);
+    return last == SIGNALLED;
 }
 
 bool canopyd_close(struct canopyd *daemon) {

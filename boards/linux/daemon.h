@@ -41,8 +41,8 @@ struct canopyd {
 /// SIGINT and SIGTERM are blocked from here on, and end canopyd_run().
 bool canopyd_open(struct canopyd *daemon, const struct canopyd_options *options, struct canopy_fault *fault);
 
-/// Serves until a signal comes.
-void canopyd_run(struct canopyd *daemon);
+/// Serves until a signal comes. False: the system refused to go on, and the log says how.
+bool canopyd_run(struct canopyd *daemon);
 
 /// Closes everything. A scanner that hangs in a read for over a second is left to the end of the process: false.
 bool canopyd_close(struct canopyd *daemon);

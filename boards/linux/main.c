@@ -16,8 +16,7 @@ static int serve(void) {
     }
     puts("ready");
     fflush(stdout);
-    canopyd_run(&daemon_state);
-    return CANOPYD_EXIT_OK;
+    return canopyd_run(&daemon_state) ? CANOPYD_EXIT_OK : CANOPYD_EXIT_BROKEN;
 }
 
 int main(int argc, char **argv) {

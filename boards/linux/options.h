@@ -10,7 +10,7 @@
 
 #define CANOPYD_MODBUS_MAX 16  ///< --modbus options
 
-enum { CANOPYD_EXIT_OK = 0, CANOPYD_EXIT_INPUT = 2, CANOPYD_EXIT_USAGE = 64 };
+enum { CANOPYD_EXIT_OK = 0, CANOPYD_EXIT_BROKEN = 1, CANOPYD_EXIT_INPUT = 2, CANOPYD_EXIT_USAGE = 64 };
 
 struct canopyd_options {
     struct canopyd_scanner_url scanner;

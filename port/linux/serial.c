@@ -62,7 +62,7 @@ static bool set_raw(int fd, const struct canopy_linux_serial_config *config, spe
         mode.c_iflag |= INPCK | IGNPAR;  // a byte with an error is dropped: the frame's CRC then tells
     }
     mode.c_cflag |= config->stop_bits == 2 ? CSTOPB : 0;
-    mode.c_cc[VMIN] = 0;
+    mode.c_cc[VMIN] = 1;  // so that nothing to read is EAGAIN, and 0 a line that has hung up
     mode.c_cc[VTIME] = 0;
     return cfsetispeed(&mode, speed) == 0 && cfsetospeed(&mode, speed) == 0 && tcsetattr(fd, TCSANOW, &mode) == 0;
 }
@@ -139,10 +139,14 @@ static void note_error(struct canopy_linux_serial *line) {
 
 static size_t read_some(void *context, uint8_t *to, size_t length) {
     struct canopy_linux_serial *line = context;
-    const ssize_t count = line->fd < 0 ? 0 : read(line->fd, to, length);
+    if (line->fd < 0 || length == 0) {
+        return 0;
+    }
+    const ssize_t count = read(line->fd, to, length);
     if (count < 0) {
         note_error(line);
     }
+    line->gone = line->gone || count == 0;
     return count > 0 ? (size_t)count : 0;
 }
 
