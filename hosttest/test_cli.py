@@ -1,7 +1,7 @@
 """The command `canopy` as a user meets it: results, exit statuses, messages, and what is left behind.
 
-Scenes are made here from a seed. Where ../shared is present, the referee there judges every surrogate as well and the real
-scans are fitted.
+Scenes are made here from a seed. Where ../shared is present, the referee there judges every surrogate as well and the
+real scans are fitted.
 """
 
 import json
@@ -33,8 +33,8 @@ def judge(surrogate, points):
     """The referee's verdict, where there is one."""
     if not REFEREE.exists():
         return None
-    done = subprocess.run(["/usr/bin/python3", str(REFEREE), str(surrogate), str(points), "--json"], capture_output=True,
-                          text=True, timeout=300)
+    command = ["/usr/bin/python3", str(REFEREE), str(surrogate), str(points), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode in (0, 1), done.stderr
     return json.loads(done.stdout)
 
@@ -73,12 +73,16 @@ def refused(done, *words):
         assert word in done.stderr, done.stderr
 
 
+def mean_gap(line):
+    return float(line.split("mean gap ")[1].split("%")[0])
+
+
 def left_behind(tmp_path, *expected):
     """Only these files are there: no output, no temporary file."""
     return sorted(p.name for p in tmp_path.iterdir() if p.name not in expected) == []
 
 
-# -- fit, check ----------------------------------------------------------------------------------------------------------
+# -- fit, check --------------------------------------------------------------------------------------------------------
 
 OPTIONS = [(), ("--side", "below"), ("--scalar", "fx"), ("--scalar", "fx", "--side", "below"), ("--field", "4"),
            ("--field", "4", "--scalar", "fx"), ("--field", "7", "--side", "below"), ("--dir", "1,2,3"),
@@ -91,11 +95,12 @@ def test_fit_is_safe(tmp_path, scene, options):
     out, line = fit(tmp_path, scene, *options)
     assert line.startswith("3000 points, 8x9 ")
     done = canopy("check", out, scene)
-    assert done.returncode == 0 and done.stdout.startswith("safe: 3000 points, 0 on the wrong side, 0 outside"), done.stdout
+    assert done.returncode == 0
+    assert done.stdout.startswith("safe: 3000 points, 0 on the wrong side, 0 outside"), done.stdout
     verdict = judge(out, scene)
     if verdict:
         assert verdict["wrong_side"] == verdict["outside_frame"] == 0
-        assert float(line.split("mean gap ")[1].split("%")[0]) == pytest.approx(100 * verdict["mean_gap"], abs=2e-3)
+        assert mean_gap(line) == pytest.approx(100 * verdict["mean_gap"], rel=1e-3)
     document = json.loads(out.read_text())
     assert document["certificate"]["points"] == 3000 and document["certificate"]["margin"] >= 0
     assert left_behind(tmp_path, "scene.xyz", "out.json")
@@ -192,7 +197,8 @@ def test_frame_of_another(tmp_path, scene):
     verdict = judge(second, few)
     assert verdict is None or verdict["wrong_side"] == verdict["outside_frame"] == 0
     beyond = write_points(tmp_path / "beyond.xyz", [*hills(10), (9.0, 1.0, 0.0)])
-    refused(canopy("fit", beyond, "--grid", "8x9", "--frame", first, "-o", tmp_path / "x.json"), "beyond.xyz:11:", "frame")
+    done = canopy("fit", beyond, "--grid", "8x9", "--frame", first, "-o", tmp_path / "x.json")
+    refused(done, "beyond.xyz:11:", "frame")
     refused(canopy("fit", few, "--grid", "9x9", "--frame", first, "-o", tmp_path / "x.json"), "first.json", "8x9")
     assert not (tmp_path / "x.json").exists()
 
@@ -223,7 +229,7 @@ def test_output_replaces_whole_files_only(tmp_path, scene):
     refused(canopy("fit", scene, "--grid", "8x8", "-o", tmp_path), "cannot write")
 
 
-# -- check: verdicts of surrogates that are not safe ----------------------------------------------------------------------
+# -- check: verdicts of surrogates that are not safe -------------------------------------------------------------------
 
 def random_surrogate(draw, scalar, windows):
     m, n = draw.randint(4, 8), draw.randint(4, 8)
@@ -269,9 +275,10 @@ def test_verdicts_are_the_referees(tmp_path, scalar, windows):
         verdict, done = judge(surrogate, path), canopy("check", surrogate, path)
         statuses.add(done.returncode)
         assert done.returncode == (1 if verdict["wrong_side"] or verdict["outside_frame"] else 0)
-        assert f"400 points, {verdict['wrong_side']} on the wrong side, {verdict['outside_frame']} outside" in done.stdout
+        wrong, outside = verdict["wrong_side"], verdict["outside_frame"]
+        assert f"400 points, {wrong} on the wrong side, {outside} outside" in done.stdout
         if not verdict["outside_frame"]:
-            assert float(done.stdout.split("mean gap ")[1].split("%")[0]) == pytest.approx(100 * verdict["mean_gap"], abs=2e-3)
+            assert mean_gap(done.stdout) == pytest.approx(100 * verdict["mean_gap"], rel=1e-3)
         if verdict["wrong_side"]:
             assert f"first wrong: point {verdict['first_bad'][0] + 1}" in done.stdout
     assert statuses == {0, 1}
@@ -295,25 +302,29 @@ def test_ties_are_safe_and_one_unit_is_not(tmp_path):
     heights = []
     for i in range(5):
         for j in range(5):
-            b = lambda a, c: s["coefficients"][min(max(i + a, 0), 4)][min(max(j + c, 0), 4)]
-            heights.append((3 * i, 7 * j, sum(w * x * b(a, c) for a, w in ((-1, 1), (0, 4), (1, 1))
-                                              for c, x in ((-1, 1), (0, 4), (1, 1))) // 36))
+            height = sum(w * x * s["coefficients"][min(max(i + a, 0), 4)][min(max(j + c, 0), 4)]
+                         for a, w in ((-1, 1), (0, 4), (1, 1)) for c, x in ((-1, 1), (0, 4), (1, 1)))
+            heights.append((3 * i, 7 * j, height // 36))
     touching = write_points(tmp_path / "t.xyz", heights)
     assert canopy("check", surrogate, touching).returncode == 0
-    beyond = write_points(tmp_path / "b.xyz", [*heights[:7], (heights[7][0], heights[7][1], heights[7][2] + 1), *heights[8:]])
+    x, y, z = heights[7]
+    beyond = write_points(tmp_path / "b.xyz", [*heights[:7], (x, y, z + 1), *heights[8:]])
     done = canopy("check", surrogate, beyond)
     assert done.returncode == 1 and " 1 on the wrong side" in done.stdout and "first wrong: point 8" in done.stdout
 
 
-# -- eval ----------------------------------------------------------------------------------------------------------------
+# -- eval --------------------------------------------------------------------------------------------------------------
+
+def weights(t):
+    return [(1 - t) ** 3 / 6, (3 * t ** 3 - 6 * t ** 2 + 4) / 6, (-3 * t ** 3 + 3 * t ** 2 + 3 * t + 1) / 6, t ** 3 / 6]
+
 
 def surface(s, u, v):
     m, n = s["size"]
     hu, hv = min(int(u), m - 2), min(int(v), n - 2)
-    w = lambda t: [(1 - t) ** 3 / 6, (3 * t ** 3 - 6 * t ** 2 + 4) / 6, (-3 * t ** 3 + 3 * t ** 2 + 3 * t + 1) / 6, t ** 3 / 6]
-    wu, wv = w(u - hu), w(v - hv)
-    return s["lsb"] * sum(wu[a] * wv[c] * s["coefficients"][min(max(hu + a - 1, 0), m - 1)][min(max(hv + c - 1, 0), n - 1)]
-                          for a in range(4) for c in range(4))
+    wu, wv = weights(u - hu), weights(v - hv)
+    rows = [s["coefficients"][min(max(hu + a - 1, 0), m - 1)] for a in range(4)]
+    return s["lsb"] * sum(wu[a] * wv[c] * rows[a][min(max(hv + c - 1, 0), n - 1)] for a in range(4) for c in range(4))
 
 
 def test_eval(tmp_path, scene):
@@ -348,7 +359,7 @@ def test_eval_outside_trim(tmp_path):
     assert math.isfinite(float(first)) and second == "nan"
 
 
-# -- points --------------------------------------------------------------------------------------------------------------
+# -- points ------------------------------------------------------------------------------------------------------------
 
 def test_text_dialects(tmp_path, scene):
     points = list(hills(300))
@@ -540,10 +551,11 @@ def test_overflow_at_the_unit_that_the_extent_asks_for(tmp_path):
     path = write_points(tmp_path / "far.xyz", [(0, 0, 0), (1e-3, 2e-3, 0), (1e-3, 1e-3, 0)])
     fit(tmp_path, path, "--scalar", "fx")
     far = write_points(tmp_path / "far.xyz", [(1e6, 0, 0), (1e6 + 1e-3, 1e-3, 0), (1e6, 1e-3, 0)])
-    refused(canopy("fit", far, "--grid", "8x8", "--scalar", "fx", "-o", tmp_path / "new.json"), "far.xyz:2:", "overflows")
+    done = canopy("fit", far, "--grid", "8x8", "--scalar", "fx", "-o", tmp_path / "new.json")
+    refused(done, "far.xyz:2:", "overflows")
 
 
-# -- surrogate files -----------------------------------------------------------------------------------------------------
+# -- surrogate files ---------------------------------------------------------------------------------------------------
 
 def broken_surrogates():
     def change(**parts):
@@ -577,10 +589,11 @@ def broken_surrogates():
     yield "trim too small", change(trim=[[1]]), '"trim"'
     yield "trim of twos", lambda s: s["trim"][0].__setitem__(0, 2), '"trim"'
     yield "windows no list", change(windows={}), '"windows"'
-    yield "window level", change(windows=[{"level": 3, "first": [0, 0], "size": [1, 1], "coefficients": [[1]]}]), '"level"'
-    yield "window key", change(windows=[{"level": 1, "first": [0, 0], "size": [1, 1], "coefficients": [[1]], "x": 1}]), '"x"'
-    yield "window first", change(windows=[{"level": 1, "first": [0, 0.5], "size": [1, 1], "coefficients": [[1]]}]), '"first"'
-    yield "window size", change(windows=[{"level": 1, "first": [0, 0], "size": [1, 2], "coefficients": [[1]]}]), '"coefficients"'
+    window = {"level": 1, "first": [0, 0], "size": [1, 1], "coefficients": [[1]]}
+    yield "window level", change(windows=[{**window, "level": 3}]), '"level"'
+    yield "window key", change(windows=[{**window, "x": 1}]), '"x"'
+    yield "window first", change(windows=[{**window, "first": [0, 0.5]}]), '"first"'
+    yield "window size", change(windows=[{**window, "size": [1, 2]}]), '"coefficients"'
     yield "certificate key", lambda s: s["certificate"].update(by="me"), "by"
 
 
@@ -596,8 +609,9 @@ def test_broken_surrogates(tmp_path, scene, name, change, expected):
     assert left_behind(tmp_path, "scene.xyz", "out.json")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{} {}", '{"format": "canopy-surrogate", "version": 1, "unit": NaN}', "7",
-                                  '{"format": 1}', "1e400", '{"version": 1, "version": 1}', "\0"])
+@pytest.mark.parametrize("text", ["", "{", "[]", "{} {}", "7", '{"format": 1}',
+                                  '{"format": "canopy-surrogate", "version": 1, "unit": NaN}',
+                                  "1e400", '{"version": 1, "version": 1}', "\0"])
 def test_not_json(tmp_path, scene, text):
     path = tmp_path / "s.json"
     path.write_text(text)
@@ -616,7 +630,7 @@ def test_written_numbers_come_back(tmp_path, scene):
     assert frame == s["frame"]
 
 
-# -- plot, help, usage ---------------------------------------------------------------------------------------------------
+# -- plot, help, usage -------------------------------------------------------------------------------------------------
 
 def has_matplotlib():
     return subprocess.run(["/usr/bin/python3", "-c", "import matplotlib"], capture_output=True).returncode == 0
@@ -638,9 +652,29 @@ def test_plot(tmp_path, scene, options):
     assert left_behind(tmp_path, "scene.xyz", "out.json")
 
 
+@pytest.mark.skipif(not has_matplotlib(), reason="no matplotlib")
+def test_plot_draws_what_eval_says(tmp_path):
+    """The script evaluates the surface itself: windows, axes, unit and all."""
+    draw = random.Random(5)
+    for windows in (False, True):
+        s = random_surrogate(draw, "f32", windows)
+        surrogate = tmp_path / "s.json"
+        surrogate.write_text(json.dumps(s))
+        m, n = s["size"]
+        knots = [(draw.uniform(0.01, m - 1.01), draw.uniform(0.01, n - 1.01)) for _ in range(50)]
+        points = write_points(tmp_path / "p.xyz", [device_to_input(s, u, v, 0) for u, v in knots])
+        code = ("import sys, numpy as np; sys.path.insert(0, sys.argv[1]); from plot_surrogate import Surrogate;"
+                "s = Surrogate(sys.argv[2]); u, v, _ = s.knots(np.loadtxt(sys.argv[3])); print(*s.height(u, v).tolist())")
+        drawn = subprocess.run(["/usr/bin/python3", "-c", code, str(ROOT / "tools"), str(surrogate), str(points)],
+                               capture_output=True, text=True, check=True).stdout.split()
+        told = canopy("eval", surrogate, points).stdout.split()
+        assert [float(h) for h in told] == pytest.approx([float(h) for h in drawn], rel=1e-9, abs=1e-9)
+
+
 def test_help_is_the_manual():
-    for command, words in (("fit", ("--grid", "--side", "--scalar", "--unit", "--dir", "--field", "--frame", "--output")),
-                           ("check", ("exact", "Exit status")), ("eval", ("nan", "17 significant")), ("plot", ("PNG",))):
+    manuals = {"fit": ("--grid", "--side", "--scalar", "--unit", "--dir", "--field", "--frame", "--output"),
+               "check": ("exact", "Exit status"), "eval": ("nan", "17 significant"), "plot": ("PNG",)}
+    for command, words in manuals.items():
         done = canopy(command, "--help")
         assert done.returncode == 0 and not done.stderr
         assert done.stdout.startswith(f"Usage: canopy {command}")

@@ -61,7 +61,8 @@ class Surrogate:
         inside = (x > -2) & (x < w["size"][0] + 1) & (y > -2) & (y < w["size"][1] + 1)
         for a in range(4):
             for c in range(4):
-                z = z + wu[a] * wv[c] * d[np.clip(gu + a + 2, 0, d.shape[0] - 1), np.clip(gv + c + 2, 0, d.shape[1] - 1)]
+                i, j = np.clip(gu + a + 2, 0, d.shape[0] - 1), np.clip(gv + c + 2, 0, d.shape[1] - 1)
+                z = z + wu[a] * wv[c] * d[i, j]
         return np.where(inside, z, 0.0)
 
     def covered(self, u, v):
@@ -154,7 +155,8 @@ def draw_section(figure, place, s, cloud):
                   label=f"{len(near)} points in a slab {width:.3g} wide")
     axes.plot(x, z, color=SURFACE, lw=1.6, label=f"surface ({s.side} every point)")
     knots = s.along(0, np.arange(s.size[0]))
-    axes.plot(knots, np.full(len(knots), 0.012), "|", color="0.45", ms=7, transform=axes.get_xaxis_transform(), label="knots")
+    axes.plot(knots, np.full(len(knots), 0.012), "|", color="0.45", ms=7, label="knots",
+              transform=axes.get_xaxis_transform())
     names = s.labels()
     axes.set_xlabel(names[0])
     axes.set_ylabel(names[2])
@@ -174,7 +176,8 @@ def headline(s, cloud, name):
         span = np.ptp(z) or 1.0
         text += f"   {os.path.basename(name)}: {len(z):,} points"
         if len(gap):
-            text += f", mean gap {100 * gap.mean() / span:.2f} % of the height range, max {100 * gap.max() / span:.1f} %"
+            mean, most = 100 * gap.mean() / span, 100 * gap.max() / span
+            text += f", mean gap {mean:.2f} % of the height range, max {most:.1f} %"
         if len(gap) < len(z):
             text += f", {len(z) - len(gap):,} outside the frame"
     return text
