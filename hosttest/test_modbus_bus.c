@@ -249,6 +249,22 @@ static void start_frame(struct bytes *frame, uint8_t unit, uint8_t function, uin
     frame->at[5] = (uint8_t)count;
 }
 
+static bool crc_is_right(const uint8_t *bytes, size_t length) {
+    uint8_t copy[sizeof(((struct bytes *)0)->at) + 2];
+    if (length < 4)
+        return false;
+    memcpy(copy, bytes, length);
+    table_crc(copy, length - 2);
+    return memcmp(copy, bytes, length) == 0;
+}
+
+static bool crc_is_right_before_the_end(const struct bytes *frame) {
+    for (size_t length = 4; length < frame->length; length++)
+        if (crc_is_right(frame->at, length))
+            return true;
+    return false;
+}
+
 // A request to us. Writes carry values that no other write carries; evil ones, which stand in other frames' data, carry values
 // that no real one carries.
 static void request_to_us(struct bytes *frame, uint8_t unit, bool evil) {
@@ -266,7 +282,12 @@ static void request_to_us(struct bytes *frame, uint8_t unit, bool evil) {
     } else if (kind < 5) {
         start_frame(frame, unit, chance(50) ? 3 : 4, below(320), 1 + below(chance(90) ? 8 : 130));
     } else {
-        start_frame(frame, unit, (uint8_t)(80 + below(20)), below(65536), below(65536));  // unknown
+        // Unknown: it ends where the silence is, so a pause where the CRC is right already would end it.
+        do {
+            start_frame(frame, unit, (uint8_t)(80 + below(20)), below(65536), below(65536));
+            finish(frame);
+        } while (crc_is_right_before_the_end(frame));
+        return;
     }
     if (!evil && kind < 2) {
         expect_write(address, value);
@@ -397,20 +418,19 @@ static void noise(void) {
         response_to(&frame, &(struct bytes){frame.length, {frame.at[0], 3, 0, 0, 0, 100}});
         break;
     default:
-        frame.length = 1 + below(300);
+        frame.length = 3 + below(300);
         for (size_t i = 0; i < frame.length; i++)
             frame.at[i] = (uint8_t)below(256);
     }
+    // Not short of one byte alone: one that happens to start the next frame, and is followed by an invented silence, would
+    // complete it, and nobody could tell.
     if (chance(50))
-        frame.length = 1 + below((uint32_t)frame.length - 1);
+        frame.length = 1 + below((uint32_t)frame.length - 2);
     else
         frame.at[below((uint32_t)frame.length)] ^= (uint8_t)(1 + below(255));
     send_bytes(&frame, 0, 0);
     // One in 256 truncated frames has a right CRC, and is then a malformed request.
-    uint8_t copy[sizeof frame.at + 2];
-    memcpy(copy, frame.at, frame.length);
-    if (frame.length >= 4 && frame.at[0] == US && table_crc(copy, frame.length - 2) == frame.length &&
-        memcmp(copy, frame.at, frame.length) == 0) {
+    if (frame.at[0] == US && crc_is_right(frame.at, frame.length)) {
         line.request = frame;
         line.accident = true;
     }

@@ -274,6 +274,50 @@ static void garbage_over_rtu(void **state) {
     check_rtu_alive();
 }
 
+// Frames of every size up to the last byte of the buffer, in a server that ends where its memory ends: nothing is read beyond.
+static void frames_fill_the_buffer(void **state) {
+    (void)state;
+    start();
+    for (unsigned function = 0; function < 128; function++)
+        for (size_t length = 1; length < 12; length++)
+            for (unsigned unit = US; unit <= US + 1; unit++) {
+                struct canopy_modbus_rtu_server *server = malloc(sizeof *server);
+                const struct canopy_modbus_rtu_server_config config = {.bank = &bank, .unit = US};
+                assert_int_equal(canopy_modbus_rtu_server_init(server, &config), CANOPY_OK);
+                uint8_t stream[CANOPY_MODBUS_RTU_ADU_MAX + 20], frame[20];
+                size_t have = 0;
+                const struct pdu filler = {1, {7}}, pdu = {length, {(uint8_t)function}};
+                const size_t last = rtu_frame(&pdu, (uint8_t)unit, frame);
+                while (have + last + 4 <= CANOPY_MODBUS_RTU_ADU_MAX)
+                    have += rtu_frame(&filler, US + 1, stream + have);
+                memcpy(stream + have, frame, last);
+                const uint8_t *reply;
+                canopy_modbus_rtu_server_feed(server, stream, have + last, now_us += LONG_US);
+                const size_t there = canopy_modbus_rtu_server_poll(server, now_us += SILENCE_US, &reply);
+                assert_true(there <= CANOPY_MODBUS_RTU_ADU_MAX);
+                free(server);
+            }
+}
+
+// A full buffer without a silence: a write to us at its beginning is done if a frame follows, not if anything else does.
+static void a_full_buffer_is_settled(void **state) {
+    (void)state;
+    const struct pdu write = {5, {6, 0, 1, 0, 77}}, poll = {5, {3, 0, 0, 0, 8}};
+    for (unsigned followed = 0; followed < 2; followed++) {
+        uint8_t stream[600];
+        memset(stream, 0x55, sizeof stream);
+        size_t have = rtu_frame(&write, US, stream);
+        if (followed)
+            have += rtu_frame(&poll, US + 1, stream + have);
+        start();
+        feed_rtu(stream, sizeof stream);
+        assert_int_equal(table.writes, followed);
+        assert_int_equal(guarded.rtu.rx_frames, followed);
+        now_us += SILENCE_US;
+        check_rtu_alive();
+    }
+}
+
 // ---------------------------------------------------------------------------------------------------------------------
 // TCP
 
@@ -396,6 +440,8 @@ int main(void) {
         cmocka_unit_test(every_short_request_is_answered),
         cmocka_unit_test(chunking_makes_no_difference_over_rtu),
         cmocka_unit_test(garbage_over_rtu),
+        cmocka_unit_test(frames_fill_the_buffer),
+        cmocka_unit_test(a_full_buffer_is_settled),
         cmocka_unit_test(every_truncation_over_tcp),
         cmocka_unit_test(every_changed_byte_over_tcp),
         cmocka_unit_test(chunking_makes_no_difference_over_tcp),

@@ -39,13 +39,12 @@ static void await_nothing(struct canopy_modbus_rtu_server *server) {
 
 // Length of the frame that answers a neighbour's request.
 static uint16_t answer_length(const uint8_t *pdu) {
-    const uint32_t count = canopy_modbus_get16(pdu + 3);
     switch (pdu[0]) {
     case 0x01:
-    case 0x02: return (uint16_t)(5 + (count + 7) / 8);
+    case 0x02: return (uint16_t)(5u + (canopy_modbus_get16(pdu + 3) + 7u) / 8u);
     case 0x03:
     case 0x04:
-    case 0x17: return count <= CANOPY_MODBUS_READ_MAX ? (uint16_t)(5 + 2 * count) : ANY_LENGTH;
+    case 0x17: return (uint16_t)(5u + 2u * canopy_modbus_get16(pdu + 3));
     default: return ANY_LENGTH;
     }
 }
@@ -103,17 +102,21 @@ static struct frame neighbours_frame(const struct canopy_modbus_rtu_server *serv
     return (struct frame){NO_FRAME, 0};
 }
 
-// What the `there` bytes at `adu`, up to a silence, are as one frame, whatever its function says about its length. Of 256 frames
-// one has a right CRC without its last byte too: what is too short for its function may still go on, and is a frame only when
-// the pause is over.
+// What the `there` bytes at `adu`, up to a silence, are as one frame, whatever its function says about its length.
+//
+// Zeros behind a right CRC leave it right. So one in 256 frames has a right CRC without its last byte too: what is too short
+// for its function may still go on, and is a frame only when the pause is over. And what has a right CRC at the length of its
+// function is no longer frame because zeros follow.
 static struct frame frame_of_all(const struct canopy_modbus_rtu_server *server, const uint8_t *adu, size_t there,
                                  bool ours, enum moment moment) {
     if (!canopy_modbus_crc_ok(adu, there))
         return (struct frame){NO_FRAME, 0};
     const size_t request_length = adu_length(canopy_modbus_request_length(adu + 1, there - 1));
-    if (ours)
-        return is_pending(there, request_length) && moment != PAUSE_OVER ? (struct frame){NO_FRAME, 0}
-                                                                         : (struct frame){OURS, there};
+    if (ours) {
+        const bool goes_on = is_pending(there, request_length) && moment != PAUSE_OVER;
+        const bool ended = request_length < there && is_whole(adu, there, request_length);
+        return goes_on || ended ? (struct frame){NO_FRAME, 0} : (struct frame){OURS, there};
+    }
     const bool request = request_length == there;
     const bool response = adu_length(canopy_modbus_response_length(adu + 1, there - 1)) == there;
     if (response && (!request || is_awaited(server, adu, there)))
@@ -269,25 +272,40 @@ static void silent_for(struct canopy_modbus_rtu_server *server, uint64_t gap_us)
         drop(server, COLLECTING);
 }
 
-// The buffer is full without a silence: no frame that starts at 0 can still grow. Takes it, or goes on to the next place where
-// one may start.
-static void make_room(struct canopy_modbus_rtu_server *server) {
+// Where a frame may start next after the beginning of the buffer; 0 for nowhere.
+static size_t next_start(const struct canopy_modbus_rtu_server *server) {
+    return server->mark_count > 1 ? server->marks[1] : server->burst;
+}
+
+// The buffer is full without a silence: no frame that starts at 0 can still grow. Is it one to be taken? A request to us only if
+// the next frame, right behind it and without a silence in between, is there to prove it.
+static struct frame settled_frame(const struct canopy_modbus_rtu_server *server) {
     const struct frame frame = frame_at(server, 0, NO_SILENCE);
+    if (frame.kind != OURS)
+        return frame;
+    const size_t next = next_start(server);
+    const struct frame proof = frame_at(server, frame.length, NO_SILENCE);
+    if (proof.kind == NO_FRAME || (next > 0 && next < frame.length + proof.length))
+        return (struct frame){NO_FRAME, 0};
+    return frame;
+}
+
+// Takes the frame at the beginning of a full buffer, or goes on to the next place where one may start.
+static void make_room(struct canopy_modbus_rtu_server *server) {
+    const struct frame frame = settled_frame(server);
+    const size_t next = next_start(server);
     if (frame.kind != NO_FRAME) {
         follow(server, 0, frame.kind);
         if (frame.kind == OURS)
             carry_out(server, 0, frame.length);
         shift(server, frame.length);
-        return;
-    }
-    const size_t next = server->mark_count > 1 ? server->marks[1] : server->burst;
-    if (next == 0) {
+    } else if (next > 0) {
+        server->rx_errors++;
+        await_nothing(server);
+        shift(server, next);
+    } else {
         drop(server, DEAF);
-        return;
     }
-    server->rx_errors++;
-    await_nothing(server);
-    shift(server, next);
 }
 
 static void collect(struct canopy_modbus_rtu_server *server, uint8_t byte) {
