@@ -62,13 +62,20 @@ static void make_scene(struct scanner *scanner, uint32_t columns, uint32_t profi
     fclose(out);
 }
 
+// The program under test. Without CANOPY_BUILD (hosttest/run sets it) nobody promised that it was built.
+static const char *build_directory(void) {
+    const char *build = getenv("CANOPY_BUILD");
+    if (build == NULL && access("build/host/canopy-scanner", X_OK) != 0)
+        skip();
+    return build != NULL ? build : "build";
+}
+
 // Runs canopy-scanner with `options` (blanks between them) and opens the line it offers.
 static void start(struct scanner *scanner, const char *options) {
-    const char *build = getenv("CANOPY_BUILD");
     char command[768], word[64] = "", name[64] = "";
     int out[2];
     snprintf(command, sizeof command, "exec %s/host/canopy-scanner %s --unit 1 --rtu pty --served %s %s 2>%s/log",
-             build != NULL ? build : "build", scanner->points, scanner->served, options, scanner->directory);
+             build_directory(), scanner->points, scanner->served, options, scanner->directory);
     assert_int_equal(pipe(out), 0);
     scanner->pid = fork();
     if (scanner->pid == 0) {

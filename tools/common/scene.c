@@ -150,7 +150,7 @@ static void usual_counts(const struct cloud *cloud, uint32_t *columns, uint32_t 
 
 static void choose_cuts(const struct cloud *cloud, const struct canopy_scene_wish *wish, struct cut cuts[2]) {
     uint32_t count[2];
-    struct cut found[2];
+    struct cut found[2] = {0};
     usual_counts(cloud, &count[0], &count[1]);
     bool regular = lattice(cloud, 0, wish->columns > 0 ? wish->columns : COLUMNS_USUAL, &found[0]) &&
                    lattice(cloud, 1, wish->profiles > 0 ? wish->profiles : PROFILES_USUAL, &found[1]);

@@ -17,7 +17,8 @@
 enum { EXIT_OK = 0, EXIT_LATE = 1, EXIT_INPUT = 2, EXIT_USAGE = 64 };
 
 struct arguments {
-    const char *url, *command, *map, *out;
+    const char *url, *map, *out;
+    enum command { NO_COMMAND, READ, STATUS, WATCH } command;
     uint64_t until_points;
     double timeout_s, interval_s;
     uint64_t count;  // lines of watch; 0: no end
@@ -107,15 +108,18 @@ static bool take_option(struct arguments *a, int key, const char *text) {
     return true;
 }
 
-static bool is_command(const char *text) {
-    return strcmp(text, "read") == 0 || strcmp(text, "status") == 0 || strcmp(text, "watch") == 0;
+static enum command command_of(const char *text) {
+    return strcmp(text, "read") == 0     ? READ
+           : strcmp(text, "status") == 0 ? STATUS
+           : strcmp(text, "watch") == 0  ? WATCH
+                                         : NO_COMMAND;
 }
 
 static void take_argument(struct arguments *a, const char *text, struct argp_state *state) {
     if (a->url == NULL)
         a->url = text;
-    else if (a->command == NULL && is_command(text))
-        a->command = text;
+    else if (a->command == NO_COMMAND && command_of(text) != NO_COMMAND)
+        a->command = command_of(text);
     else
         argp_error(state, "'%s' is none of read, status, watch", text);
 }
@@ -125,9 +129,9 @@ static error_t take(int key, char *text, struct argp_state *state) {
     if (key == ARGP_KEY_ARG) {
         take_argument(a, text, state);
     } else if (key == ARGP_KEY_END) {
-        if (a->command == NULL)
+        if (a->command == NO_COMMAND)
             argp_error(state, "give a URL and a command");
-        if (strcmp(a->command, "read") == 0 && a->out == NULL)
+        if (a->command == READ && a->out == NULL)
             argp_error(state, "read: give -o OUT.json");
     } else if (key != 'o' && key < KEY_MAP) {
         return ARGP_ERR_UNKNOWN;
@@ -274,9 +278,9 @@ int main(int argc, char **argv) {
         return fail(EXIT_INPUT, &a.fault);
     catch_signals();
     struct plc_device device = {.link = &link, .map = &map};
-    const int status = strcmp(a.command, "read") == 0     ? run_read(&a, &device)
-                       : strcmp(a.command, "status") == 0 ? run_status(&a, &device)
-                                                          : run_watch(&a, &device);
+    const int status = a.command == READ     ? run_read(&a, &device)
+                       : a.command == STATUS ? run_status(&a, &device)
+                                             : run_watch(&a, &device);
     plc_link_close(&link);
     return status;
 }
