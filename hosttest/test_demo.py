@@ -1,4 +1,4 @@
-"""The demo, shortened, on both boards; and that it says what is wrong, and leaves nothing running, when something is."""
+"""The demo, shortened, on both boards; and that it says what is wrong, when something is, and leaves nothing running."""
 
 import json
 import os

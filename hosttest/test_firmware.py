@@ -210,8 +210,8 @@ def test_what_a_sweep_leaves_in_the_counters(swept):
     assert swept.get("profiles") == PROFILES
     assert swept.get("points_accepted") == READINGS
     envelope = swept.registers.envelope()
-    cells = {(min((x - envelope["origin_x"]) // envelope["pitch_u"], 18), min((y - envelope["origin_y"]) // envelope["pitch_v"], 18))
-             for x, y, _ in swept.scanner.points()}
+    cells = {(min((x - envelope["origin_x"]) // envelope["pitch_u"], 18),
+              min((y - envelope["origin_y"]) // envelope["pitch_v"], 18)) for x, y, _ in swept.scanner.points()}
     assert swept.get("coverage_pct") == 100 * len(cells) // 19 ** 2
 
 

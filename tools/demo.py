@@ -6,7 +6,8 @@ Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux] [--scene POINTS] [--
 A scanner simulator sweeps the scene profile by profile and serves it over Modbus; the device (the firmware on an
 emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. In the end the
 envelope that the PLC holds is checked against every reading the simulator has served, and drawn. Everything is left in
-BUILD/demo. Exit status: 0 the PLC's envelope is safe, 1 anything else, with one line that says what, where, and what to do.
+BUILD/demo. Exit status: 0 the PLC's envelope is safe; 1 anything else, with one line that says what, where, and what
+to do.
 """
 
 import argparse
@@ -169,8 +170,8 @@ class Emulated:
         self.console = children.place / "console.txt"
         self.console.write_bytes(b"")
         self.child = children.start("device", [
-            "qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none", "-serial", "pty", "-serial", "pty",
-            "-serial", f"file:{self.console}", "-kernel", image])
+            "qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none", "-serial", "pty",
+            "-serial", "pty", "-serial", f"file:{self.console}", "-kernel", image])
         lines = [self.child.wait_for(rf"redirected to (\S+) \(label serial{i}\)").group(1) for i in range(2)]
         self.scanner_line = f"{lines[0]},115200,8N1,1"
         self.plc_url = f"rtu:{lines[1]},115200,8N1,1"
@@ -182,7 +183,8 @@ class Emulated:
     def check(self):
         text = self.console.read_text(errors="replace")
         if "fault" in text or text.count(" starts") > 1:
-            raise Failure(f"the firmware has started anew (its words in {shown(self.console)}): that is a defect of canopy")
+            raise Failure(f"the firmware has started anew (its words in {shown(self.console)}): "
+                          "that is a defect of canopy")
 
 
 class Linux:
@@ -293,8 +295,8 @@ class Progress:
         bar = "#" * (width * done // self.total)
         text = f"[{bar:<{width}}] {done:{len(str(self.total))}}/{self.total} profiles"
         if seen:
-            text += (f"   PLC sees: sequence {seen['sequence']}, {seen['points']} points, {seen['coverage_pct']} % covered, "
-                     f"{seen['status_text']}")
+            text += (f"   PLC sees: sequence {seen['sequence']}, {seen['points']} points, "
+                     f"{seen['coverage_pct']} % covered, {seen['status_text']}")
         if self.moving:
             columns = shutil.get_terminal_size().columns
             print("\r" + text[:columns - 1].ljust(columns - 1), end="", flush=True)
@@ -320,14 +322,14 @@ def sweep(scanner, plc, device, children):
             if scanner.profile != last:
                 last, moved = scanner.profile, time.monotonic()
             elif time.monotonic() - moved > STALL_SECONDS:
-                raise Failure(f"the scanner stands at profile {scanner.profile} of {scanner.profiles} for {STALL_SECONDS} s: "
-                              f"the device does not read it; see {shown(children.place)}/*.log")
+                raise Failure(f"the scanner stands at profile {scanner.profile} of {scanner.profiles} for "
+                              f"{STALL_SECONDS} s: the device does not read it; see {shown(children.place)}/*.log")
     finally:
         progress.end()
     served, doubtful, missed = scanner.over
     if doubtful or missed:
-        raise Failure(f"{doubtful} readings were served too late and {missed} not at all, so that nobody knows which the device "
-                      "has: run it again while the machine is less busy")
+        raise Failure(f"{doubtful} readings were served too late and {missed} not at all, so that nobody knows which "
+                      "the device has: run it again while the machine is less busy")
     return served
 
 
@@ -348,8 +350,8 @@ def draw(surrogate, served_file, to):
 
 def report(envelope, served, verdict, seconds):
     gap = re.search(r"mean gap ([\d.]+)% of the height range, max ([\d.]+)%", verdict)
-    rows = [("grid", f"{envelope['grid_m']} x {envelope['grid_n']} coefficients, {envelope['scalar']}, {envelope['side']}, "
-                     f"unit {envelope['unit']:.9g}"),
+    rows = [("grid", f"{envelope['grid_m']} x {envelope['grid_n']} coefficients, {envelope['scalar']}, "
+                     f"{envelope['side']}, unit {envelope['unit']:.9g}"),
             ("sequence", f"{envelope['sequence']} publications"),
             ("points", f"{envelope['points']}, every one of the {served} valid readings served"),
             ("coverage", f"{envelope['coverage_pct']} % of the knot cells"),
@@ -394,8 +396,8 @@ def play(arguments, children):
     envelope = plc.read(served, surrogate)
     device.check()
     if envelope["points"] != served:
-        raise Failure(f"the PLC's envelope covers {envelope['points']} readings, and {served} were served: that is a defect "
-                      f"of canopy; see {shown(place)}")
+        raise Failure(f"the PLC's envelope covers {envelope['points']} readings, and {served} were served: that is a "
+                      f"defect of canopy; see {shown(place)}")
     children.stop()
     verdict = check(surrogate, scanner.served_file)
     report(envelope, served, verdict, time.monotonic() - began)
@@ -421,7 +423,8 @@ def main():
         print(f"demo: {failure}", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"demo: {error.filename or shown(BUILD)}: {error.strerror}: make room or give rights there", file=sys.stderr)
+        print(f"demo: {error.filename or shown(BUILD)}: {error.strerror}: make room or give rights there",
+              file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("\ndemo: stopped", file=sys.stderr)

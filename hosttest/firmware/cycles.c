@@ -8,12 +8,12 @@
 // does them, up to the publication. A request is what the RTU server does from the first byte to the whole reply.
 #include <string.h>
 
-#include "port/cortexm/count.h"
 #include "board.h"  // of BOARD
 #include "hosttest/firmware/print.h"
 #include "lib/modbus/crc.h"
 #include "lib/modbus/rtu.h"
 #include "lib/station/station.h"
+#include "port/cortexm/count.h"
 #include "port/cortexm/semihosting.h"
 
 #define M 20
