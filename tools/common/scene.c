@@ -255,7 +255,7 @@ static bool build(const char *path, const struct cloud *cloud, const struct cano
                                 scene->columns, READINGS_MOST);
     if (!choose_heights(path, cloud, wish->margin, scene, fault))
         return false;
-    scene->heights = malloc((size_t)scene->columns * scene->profiles * sizeof *scene->heights);
+    scene->heights = calloc((size_t)scene->columns * scene->profiles, sizeof *scene->heights);
     if (scene->heights == NULL)
         return canopy_fault_set(fault, "%s: no memory for %u x %u readings", path, scene->profiles, scene->columns);
     look_down(cloud, cuts, scene);
