@@ -214,8 +214,9 @@ bench: tools firmware | setup-python setup-bench setup-emulator  ## compare with
 # What is formatted is everything; what is analysed is what ships. Shifts of negative numbers are what the library relies on:
 # test_platform.c checks them on every compiler.
 C_FILES := $(sort $(shell find lib port boards hosttest tools -name '*.[ch]' -o -name '*.inc'))
-TIDY_HOST := $(filter lib/%.c port/linux/%.c boards/linux/%.c tools/%.c,$(C_FILES))
-CPPCHECK_FILES := $(filter-out hosttest/%,$(filter %.c,$(C_FILES)))
+ANALYSED := $(filter-out tools/bench/%,$(C_FILES))
+TIDY_HOST := $(filter lib/%.c port/linux/%.c boards/linux/%.c tools/%.c,$(ANALYSED))
+CPPCHECK_FILES := $(filter-out hosttest/%,$(filter %.c,$(ANALYSED)))
 TIDY_FLAGS := -std=c11 -I. -I$(BUILD)/gen $(HOST_DEFINES)
 
 .PHONY: lint lint-format lint-rules lint-tidy lint-cppcheck

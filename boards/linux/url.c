@@ -184,7 +184,7 @@ bool canopyd_modbus_url(const char *text, struct canopyd_modbus_url *url, struct
     }
     char *rest = url->text;
     const char *scheme = strsep(&rest, ":"), *service;
-    uint32_t port;
+    uint32_t port = 0;
     if (rest != NULL && strcmp(scheme, "tcp") == 0) {
         url->tcp = true;
         if (!read_host(text, rest, 0, &url->host, &service, &port, fault)) {
