@@ -20,7 +20,7 @@ endif
 
 LIB_SOURCES := $(sort $(wildcard lib/*/*.c))
 TOOL_SHARED := $(sort $(wildcard tools/common/*.c))
-TOOL_DIRS := $(sort $(filter-out common,$(notdir $(patsubst %/,%,$(dir $(wildcard tools/*/*.c))))))
+TOOL_DIRS := $(sort $(filter-out common bench,$(notdir $(patsubst %/,%,$(dir $(wildcard tools/*/*.c))))))
 PORT_LINUX := $(sort $(wildcard port/linux/*.c))
 CANOPYD := $(sort $(wildcard boards/linux/*.c))
 UNIT_SOURCES := $(sort $(wildcard hosttest/unit/test_*.c))
@@ -106,6 +106,13 @@ endef
 $(foreach t,$(TOOL_DIRS),$(eval $(call program,$(HOST)/$(call program_name,$(t)),$(sort $(wildcard tools/$(t)/*.c)))))
 $(eval $(call program,$(HOST)/canopyd,$(CANOPYD)))
 
+# What `make bench` runs: the command's own fit against the floor, and the peer that is written in C++
+$(eval $(call program,$(HOST)/canopy-bench,$(sort $(wildcard tools/bench/*.c)) tools/canopy/load.c tools/canopy/surface.c))
+$(HOST)/canopy-bench-alglib: tools/bench/alglib.cpp | setup-bench
+	@mkdir -p $(@D)
+	$(if $(V),,@echo "g++ $<")
+	$(Q)g++ -std=c++17 -O2 -Wall -Wextra -Wconversion -Wshadow -Werror $< -lalglib -o $@
+
 .PHONY: tools
 tools: $(PROGRAMS) $(HOST)/libcanopy.a $(REGISTERS)  ## the host programs: canopy, canopyd, canopy-scanner, canopy-plc
 
@@ -132,7 +139,7 @@ TEST_PROGRAMS := $(foreach v,gcc64 clang64,$(addprefix $(TEST)/$(v)/,$(UNIT_NAME
     $(foreach v,gcc32 clang32,$(addprefix $(TEST)/$(v)/,$(UNIT_NAMES)))
 
 # The other end for the Python tests that need one
-TEST_PROGRAMS += $(TEST)/modbus_peer
+TEST_PROGRAMS += $(TEST)/modbus_peer $(HOST)/canopy-bench
 $(TEST)/modbus_peer: $(TEST)/gcc64/obj/hosttest/modbus_peer.o $(TEST)/gcc64/libcanopy.a
 	$(Q)gcc $(SANITIZE) $^ $(HOST_LIBS) -o $@
 
@@ -205,8 +212,8 @@ endif
 .PHONY: demo bench
 demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
-bench: tools firmware | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
-	@BUILD=$(BUILD) $(PYTHON) tools/bench.py $(BENCH)
+bench: $(HOST)/canopy-bench $(HOST)/canopy-bench-alglib $(if $(FW),$(FW)/cycles.elf) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
+	@BUILD=$(BUILD) $(PYTHON) tools/bench/bench.py $(BENCH)
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Quality: style and rules, coverage, fuzzing

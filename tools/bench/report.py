@@ -1,0 +1,108 @@
+"""The tables of `make bench`: Markdown that also reads well on a terminal."""
+
+FIT_MOST, CERTIFICATE_MOST = 10, 15  # times the floor
+
+
+def table(head, rows):
+    """Aligned columns: the first to the left, the others to the right."""
+    rows = [[str(cell) for cell in row] for row in rows]
+    widths = [max(len(row[c]) for row in [head] + rows) for c in range(len(head))]
+
+    def one(cells):
+        return "| " + " | ".join(cell.ljust(w) if c == 0 else cell.rjust(w) for c, (cell, w) in enumerate(zip(cells, widths))) + " |"
+    rule = "| " + " | ".join("-" * w if c == 0 else "-" * (w - 1) + ":" for c, w in enumerate(widths)) + " |"
+    return "\n".join([one(head), rule] + [one(row) for row in rows])
+
+
+def times(x):
+    """A multiple: three digits."""
+    return f"{x:,.0f}" if x >= 100 else f"{x:.1f}"
+
+
+def milliseconds(ms):
+    return f"{ms:,.0f}" if ms >= 100 else f"{ms:.2f}" if ms < 10 else f"{ms:.1f}"
+
+
+def way_row(way):
+    fit, certificate = way["fit"], way["certificate"]
+    return [way["name"], milliseconds(fit["median_us"] / 1e3), times(fit["floors"]), milliseconds(certificate["median_us"] / 1e3),
+            times(certificate["floors"]), f"{way['mean_gap_pct']:.2f}", f"{way['max_gap_pct']:.1f}", f"{way['wrong'] + way['outside']:,}"]
+
+
+def peer_row(peer):
+    before = peer.get("wrong_unlifted")
+    wrong = f"{before:,} -> {peer['wrong']:,}" if before else f"{peer['wrong']:,}"
+    return [peer["name"], milliseconds(peer["median_ms"]), times(peer["floors"]), "", "", f"{peer['mean_gap_pct']:.2f}",
+            f"{peer['max_gap_pct']:.1f}", wrong]
+
+
+def scene(result):
+    floor = result["floor"]
+    head = ["surface", "fit ms", "x floor", "certificate ms", "x floor", "mean gap %", "max gap %", "wrong"]
+    rows = [way_row(way) for way in result["ways"]] + [peer_row(peer) for peer in result["peers"]]
+    field = [way["field_certificate"]["floors"] for way in result["ways"] if "field_certificate" in way]
+    lines = [f"**{result['scene']}**: {result['points']:,} points, {result['grid'][0]} x {result['grid'][1]}, {result['side']}. "
+             f"Floor {floor['median_us']:.1f} us, {floor['ns_per_point']:.2f} ns a point ({floor['way']}).", "",
+             table(head, rows), ""]
+    if field:
+        lines += [f"The certificate that a device takes from its field (Q = 4), without any point: {min(field):.2f} to "
+                  f"{max(field):.2f} floors.", ""]
+    return lines
+
+
+def series(results, head, label):
+    rows = []
+    for result in results:
+        for way in result["ways"]:
+            rows.append([f"{label(result)}, {way['scalar']}", f"{result['floor']['ns_per_point']:.2f}",
+                         milliseconds(way["fit"]["median_us"] / 1e3), f"{way['fit']['ns_per_point']:.2f}", times(way["fit"]["floors"]),
+                         f"{way['certificate']['ns_per_point']:.2f}", times(way["certificate"]["floors"]),
+                         f"{way['mean_gap_pct']:.2f}", way["solves"], way["unsettled"], way["wrong"] + way["outside"]])
+    return table([head, "floor ns/pt", "fit ms", "fit ns/pt", "x floor", "cert. ns/pt", "x floor", "mean gap %", "solves",
+                  "unsettled", "wrong"], rows)
+
+
+def goals(result):
+    """What was asked for, what was reached: [{"goal", "value", "limit", "met"}]."""
+    found = []
+
+    def goal(name, value, limit):
+        found.append({"goal": name, "value": value, "limit": limit, "met": value <= limit})
+    every = result["scenes"] + result["clouds"] + result["grids"]
+    goal("points on the wrong side or outside, all of ours", sum(w["wrong"] + w["outside"] for r in every for w in r["ways"]), 0)
+    scan = next((r for r in result["scenes"] if r["scene"] == "bun000"), None)
+    if scan:
+        literal = min(p["mean_gap_pct"] for p in scan["peers"] if p["name"].startswith("the paper"))
+        for way in scan["ways"]:
+            if way["field"] == 0:
+                goal(f"bun000, {way['name']}: fit, x floor", way["fit"]["floors"], FIT_MOST)
+                goal(f"bun000, {way['name']}: certificate, x floor", way["certificate"]["floors"], CERTIFICATE_MOST)
+                goal(f"bun000, {way['name']}: mean gap %, the paper's read literally", way["mean_gap_pct"], literal)
+    for scalar in (0, 1) if len(result["clouds"]) > 1 else ():
+        floors = {r["points"]: r["ways"][scalar]["fit"]["floors"] for r in result["clouds"]}
+        goal(f"linear: floors a fit {('f32', 'fx')[scalar]} takes at 3M points over those at 100K", floors[3_000_000] / floors[100_000], 1)
+    counts = result["firmware"]
+    if counts:
+        goal("Cortex-M3: instructions to feed a point", max(v for k, v in counts.items() if k.endswith("feed_x100")) / 100, 45)
+        goal("Cortex-M3: instructions of a refit and its certificate",
+             max(v for k, v in counts.items() if k.endswith("fit_and_certify")), 4_000_000)
+    return found
+
+
+def text(result):
+    m = result["machine"]
+    lines = [f"Measured {m['date']} at {m['commit']}: {m['cpu']}, {m['cores']} cores, {m['compiler']} {m['flags']}; SciPy "
+             f"{m['scipy']}, NumPy {m['numpy']}, ALGLIB {m['alglib'] or 'absent'}.", ""]
+    for one in result["scenes"]:
+        lines += scene(one)
+    lines += ["**Points**: two spheres, 20 x 20, from the points.", "",
+              series(result["clouds"], "points", lambda r: f"{r['points']:,}"), "",
+              "**Grids**: two spheres, 30,000 points, from the points.", "",
+              series(result["grids"], "grid", lambda r: f"{r['grid'][0]} x {r['grid'][1]}"), ""]
+    if result["firmware"]:
+        lines += ["**Cortex-M3**, instructions, fixed point, 20 x 20, Q = 4, lines at the integers (x100: hundredths).", "",
+                  table(["what", "instructions"], [[name, f"{value:,}"] for name, value in result["firmware"].items()]), ""]
+    lines += ["**Goals**", "", table(["goal", "measured", "at most", ""],
+                                     [[g["goal"], f"{g['value']:,.3f}".rstrip("0").rstrip("."), f"{g['limit']:,.3f}".rstrip("0").rstrip("."),
+                                       "met" if g["met"] else "MISSED"] for g in result["goals"]]), ""]
+    return "\n".join(lines)
