@@ -430,6 +430,14 @@ def test_ply(tmp_path, form, extra, kind):
     assert fit(tmp_path, path)[0].read_text() == expected
 
 
+@pytest.mark.parametrize("form", PLY_FORMATS)
+def test_ply_element_without_properties(tmp_path, form):
+    points = list(hills(50))
+    expected = fit(tmp_path, write_points(tmp_path / "a.xyz", points))[0].read_text()
+    (tmp_path / "a.ply").write_bytes(ply(points, form).replace(b"element vertex", b"element void 4000000000\nelement vertex"))
+    assert fit(tmp_path, tmp_path / "a.ply")[0].read_text() == expected
+
+
 def test_ply_keeps_doubles(tmp_path):
     points = [(1e9 + 0.001 * i, 2e9 - 0.001 * i, 1e9 + 1e-6 * (i * i % 50)) for i in range(100)]
     text = write_points(tmp_path / "a.xyz", points)

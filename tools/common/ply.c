@@ -376,6 +376,9 @@ bool canopy_ply_read(struct canopy_source *source, struct canopy_points_sink sin
     info->by_line = reader.header.format == ASCII;
     for (unsigned i = 0; i < reader.header.element_count; i++) {
         const struct element *element = &reader.header.elements[i];
+        if (element->properties == 0) {
+            continue;  // nothing of it is in the file, however many the header counts
+        }
         if (!(info->by_line ? read_ascii : read_binary)(&reader, element, &info->count)) {
             return false;
         }
