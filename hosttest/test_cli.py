@@ -434,7 +434,8 @@ def test_ply(tmp_path, form, extra, kind):
 def test_ply_element_without_properties(tmp_path, form):
     points = list(hills(50))
     expected = fit(tmp_path, write_points(tmp_path / "a.xyz", points))[0].read_text()
-    (tmp_path / "a.ply").write_bytes(ply(points, form).replace(b"element vertex", b"element void 4000000000\nelement vertex"))
+    data = ply(points, form).replace(b"element vertex", b"element void 4000000000\nelement vertex")
+    (tmp_path / "a.ply").write_bytes(data)
     assert fit(tmp_path, tmp_path / "a.ply")[0].read_text() == expected
 
 
@@ -672,7 +673,8 @@ def test_plot_draws_what_eval_says(tmp_path):
         knots = [(draw.uniform(0.01, m - 1.01), draw.uniform(0.01, n - 1.01)) for _ in range(50)]
         points = write_points(tmp_path / "p.xyz", [device_to_input(s, u, v, 0) for u, v in knots])
         code = ("import sys, numpy as np; sys.path.insert(0, sys.argv[1]); from plot_surrogate import Surrogate;"
-                "s = Surrogate(sys.argv[2]); u, v, _ = s.knots(np.loadtxt(sys.argv[3])); print(*s.height(u, v).tolist())")
+                "s = Surrogate(sys.argv[2]); u, v, _ = s.knots(np.loadtxt(sys.argv[3]));"
+                "print(*s.height(u, v).tolist())")
         drawn = subprocess.run(["/usr/bin/python3", "-c", code, str(ROOT / "tools"), str(surrogate), str(points)],
                                capture_output=True, text=True, check=True).stdout.split()
         told = canopy("eval", surrogate, points).stdout.split()
