@@ -352,6 +352,32 @@ UNIT(torn_profiles_are_dropped_wherever_they_tear) {
     }
 }
 
+// A profile takes 4 reads of 100 us and stands for 600: read from any moment on it would be torn two times in three.
+UNIT(a_scanner_little_slower_than_its_read_is_read_in_step) {
+    struct canopy_profile_table table = canopy_profile_generic;
+    table.poll_us = 10;
+    memset(space, 0, sizeof space);
+    fake_description(1, COLUMNS);
+    CHECK_EQ(start_with(&table, COLUMNS), CANOPY_OK);
+    CHECK_EQ(answer(), CANOPY_SCAN_SCENE);
+    uint16_t standing = 0;
+    unsigned delivered = 0;
+    while (now < 200u * 600u) {
+        const struct canopy_profile_request request = next();
+        now += 100;
+        const uint16_t sequence = (uint16_t)((now + 300) / 600);
+        if (sequence != standing)
+            fake_profile(standing = sequence);
+        if (canopy_profile_answer(&driver, space + request.address, request.count, now) == CANOPY_SCAN_PROFILE) {
+            delivered++;
+            canopy_profile_done(&driver);
+        }
+    }
+    CHECK(canopy_profile_counters(&driver)->torn >= 1);
+    CHECK(canopy_profile_counters(&driver)->torn <= 10);
+    CHECK(delivered >= 180);
+}
+
 UNIT(without_a_trailer_the_header_is_read_again) {
     struct canopy_profile_table table = canopy_profile_generic;
     table.trailer = CANOPY_SCAN_NO_TRAILER;
@@ -743,11 +769,12 @@ UNIT(a_multiplier_that_overflows_refuses_the_header) {
 UNIT_LIST(scan, drivers_are_found_by_name, arena_is_checked, contradictory_tables_are_refused,
           a_profile_is_read_in_four_blocks, block_lengths_differ_at_every_width, waiting_looks_at_the_header_only,
           no_profile_yet_is_no_profile, torn_profiles_are_dropped_wherever_they_tear,
-          without_a_trailer_the_header_is_read_again, a_trailer_may_stand_anywhere,
-          a_standing_sequence_is_stale_and_never_delivered_twice, an_older_sequence_is_stale_until_it_goes_on,
-          a_restarted_scanner_that_waits_to_be_read_is_read, missed_profiles_are_counted_across_the_wrap,
-          another_valid_count_than_promised_is_short, a_scanner_that_is_another_device_is_refused,
-          a_changed_description_is_read_again, only_the_right_length_is_an_answer,
-          every_failure_at_every_request_is_survived, silence_is_stale_too, every_type_and_word_order,
-          an_invalid_reading_has_a_reason_and_no_height, a_divided_scale_rounds_down_and_says_so,
-          what_does_not_fit_int32_is_invalid, a_multiplier_that_overflows_refuses_the_header)
+          a_scanner_little_slower_than_its_read_is_read_in_step, without_a_trailer_the_header_is_read_again,
+          a_trailer_may_stand_anywhere, a_standing_sequence_is_stale_and_never_delivered_twice,
+          an_older_sequence_is_stale_until_it_goes_on, a_restarted_scanner_that_waits_to_be_read_is_read,
+          missed_profiles_are_counted_across_the_wrap, another_valid_count_than_promised_is_short,
+          a_scanner_that_is_another_device_is_refused, a_changed_description_is_read_again,
+          only_the_right_length_is_an_answer, every_failure_at_every_request_is_survived, silence_is_stale_too,
+          every_type_and_word_order, an_invalid_reading_has_a_reason_and_no_height,
+          a_divided_scale_rounds_down_and_says_so, what_does_not_fit_int32_is_invalid,
+          a_multiplier_that_overflows_refuses_the_header)

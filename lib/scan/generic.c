@@ -48,7 +48,7 @@ const struct canopy_profile_table canopy_profile_generic = {
     .profiles = IN_DESCRIPTION(CANOPY_GENERIC_D_PROFILES, CANOPY_SCAN_U16),
     .unit = IN_DESCRIPTION(CANOPY_GENERIC_D_UNIT, CANOPY_SCAN_U32),
 
-    .poll_us = 5000,
+    .poll_us = 2000,
     .retry_us = 20000,
     .stale_us = 1000000,
     .retries = 2,

@@ -206,6 +206,22 @@ static enum canopy_scan_event wait(struct canopy_profile_driver *driver, enum ca
     return event;
 }
 
+// After a torn profile: a scanner that brings profiles at a rate little slower than they are read is read in step with
+// it, from the moment a new one appears. The one that stands already is passed over, unless it stands so long that it
+// will stand while it is read, too.
+static bool in_step(struct canopy_profile_driver *driver, uint32_t sequence, uint64_t now_us) {
+    if (!driver->out_of_step)
+        return true;
+    if (!driver->passing) {
+        driver->passing = true;
+        driver->passed = sequence;
+    }
+    if (sequence == driver->passed && now_us < driver->in_step_us)
+        return false;
+    driver->out_of_step = false;
+    return true;
+}
+
 // True if a profile is to be read; else *event says why not, and what comes next is already asked for.
 static bool wanted(struct canopy_profile_driver *driver, const uint16_t *header, uint64_t now_us,
                    enum canopy_scan_event *event) {
@@ -229,6 +245,11 @@ static bool wanted(struct canopy_profile_driver *driver, const uint16_t *header,
         *event = wait(driver, first_seen ? CANOPY_SCAN_STALE : CANOPY_SCAN_NOTHING, now_us);
         return false;
     }
+    if (!in_step(driver, sequence, now_us)) {
+        *event = wait(driver, CANOPY_SCAN_NOTHING, now_us);
+        return false;
+    }
+    driver->begin_us = now_us;
     driver->profile.sequence = sequence;
     return true;
 }
@@ -342,7 +363,10 @@ static enum canopy_scan_event finish(struct canopy_profile_driver *driver, uint6
 
 static enum canopy_scan_event torn(struct canopy_profile_driver *driver, uint64_t now_us) {
     driver->counters.torn++;
-    ask_header(driver, now_us);
+    driver->out_of_step = true;
+    driver->passing = false;
+    driver->in_step_us = now_us + 2 * (now_us - driver->begin_us);
+    ask_look(driver, now_us);
     return CANOPY_SCAN_TORN;
 }
 

@@ -23,10 +23,14 @@
 /// the description's (as far as `read_max` allows): an RTU answer says neither address nor time, so this is what keeps
 /// one that came too late from being taken for the answer to the next request.
 ///
+/// A scanner that is read while it goes on by its own clock must give a profile at least the time its read takes. After a
+/// torn one the driver waits for the next to appear and reads that from its beginning, in step with the scanner.
+///
 /// Wire cost: 400 columns of u16 on the generic map are 4 reads, 864 bytes. While profiles come as fast as they are
 /// read, the first look for a profile already is its first block; while the driver waits, a look reads the header only.
 ///
-/// Memory: the driver and one arena for the raw heights of one profile. Work: O(count) a call; a reading is O(1).
+/// Memory: the driver and one arena for the raw heights of one profile. Work: O(count) a call, O(columns) for a profile's
+/// last answer; a reading is O(1). `now_us` is any clock that never goes back, the same in every call.
 #ifndef CANOPY_SCAN_PROFILE_H
 #define CANOPY_SCAN_PROFILE_H
 
@@ -134,6 +138,9 @@ struct canopy_profile_driver {
     struct canopy_profile_counters counters;
     uint64_t fresh_us;       ///< when the last profile was delivered or the last stale limit passed
     uint64_t standstill_us;  ///< when `candidate` was first seen
+    uint64_t begin_us;       ///< when the header of the profile being read came
+    uint64_t in_step_us;     ///< until then a profile that stood already is passed over
+    uint32_t passed;         ///< namely this one
     uint32_t last_sequence;  ///< of the last delivered profile
     uint32_t candidate;      ///< an older sequence number that may mean a restart
     uint32_t description_id;
@@ -147,7 +154,7 @@ struct canopy_profile_driver {
     uint8_t unit;
     uint8_t phase;
     uint8_t attempts;
-    bool scene_known, started, have_candidate, eager, waited, asked, stale;
+    bool scene_known, started, have_candidate, eager, waited, asked, stale, out_of_step, passing;
 };
 
 /// Makes a driver that has read nothing. `arena`: at least CANOPY_PROFILE_ARENA(config->columns, words of a height)
