@@ -317,7 +317,7 @@ static void random_scenes(void **unused) {
         const enum canopy_scalar scalar = trial % 2 ? CANOPY_FX : CANOPY_F32;
         draw_scene(&scene, scalar, below(7), scale, trial % 4 == 0 ? 1 + below(2) : 0);
         draw_points(&points, &scene.surrogate, scale);
-        points.cloud.count = (size_t)(1 + below(POINTS));
+        points.cloud.count = 1U + (size_t)below(POINTS);
         compare(&scene.surrogate, &points);
     }
 }
@@ -337,8 +337,8 @@ static double surface_at(const struct canopy_surrogate *s, const double p[3]) {
     return result;
 }
 
-/// The origin is moved so that the surface passes within a few of the origin's ulps of one of the points, on either side:
-/// such margins are far below what double evaluation can tell.
+/// The origin is moved so that the surface passes within a few of the origin's ulps of one of the points, on either
+/// side: such margins are far below what double evaluation can tell.
 static void a_hair_beside_the_surface(void **unused) {
     (void)unused;
     static struct scene scene;

@@ -62,7 +62,7 @@ static void print_verdict(const struct canopy_exact_result *r, double unit) {
     printf("%s: %" PRIu64 " points, %" PRIu64 " on the wrong side, %" PRIu64 " outside the frame",
            canopy_exact_is_safe(r) ? "safe" : "NOT SAFE", r->points, r->wrong, r->outside);
     if (r->points > r->outside) {
-        printf(", worst margin %.3g (%.3g device units), mean gap %.3f%% of the height range, max %.1f%%",
+        printf(", worst margin %.3g (%.3g device units), mean gap %.4g%% of the height range, max %.3g%%",
                r->margin * unit, r->margin, canopy_exact_mean_gap(r), canopy_exact_max_gap(r));
     }
     if (r->first_wrong != UINT64_MAX) {

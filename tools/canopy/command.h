@@ -1,4 +1,5 @@
-/// The sub-commands of `canopy`: each takes its own argument vector (argv[0] is "canopy NAME") and returns the exit status.
+/// The sub-commands of `canopy`: each takes its own argument vector (argv[0] is "canopy NAME") and returns the exit
+/// status.
 #ifndef CANOPY_TOOLS_CANOPY_COMMAND_H
 #define CANOPY_TOOLS_CANOPY_COMMAND_H
 

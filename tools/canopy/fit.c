@@ -203,7 +203,7 @@ static void print_line(const struct arguments *a, const struct canopy_surface_wi
     }
     printf(
         "%" PRIu64
-        " points, %ux%u %s, fast%s, %s, unit %g (rounding loses at most %.2g), mean gap %.3f%% and max gap %.1f%% of "
+        " points, %ux%u %s, fast%s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "
         "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
         r->result.points, wish->size[0], wish->size[1], wish->side == CANOPY_ABOVE ? "above" : "below", from,
         wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),

@@ -20,10 +20,10 @@ struct canopy_loaded {
     double loss;  ///< the most that rounding moved a coordinate, in input units
 };
 
-/// Reads `path`. Where the unit is not given: 1 in float; in fixed point the power of ten that spreads the largest extent
-/// over 10^5 to 10^6 units (of a single point: its largest coordinate). A point outside `wish->frame`, decided exactly, or
-/// beyond the device format is a fault with its line. After success loaded->list needs canopy_device_list_free.
-/// Memory: 12 bytes a point, 24 more while the unit is being found.
+/// Reads `path`. Where the unit is not given: 1 in float; in fixed point the power of ten that spreads the largest
+/// extent over 10^5 to 10^6 units (of a single point: its largest coordinate). A point outside `wish->frame`, decided
+/// exactly, or beyond the device format is a fault with its line. After success loaded->list needs
+/// canopy_device_list_free. Memory: 12 bytes a point, 24 more while the unit is being found.
 bool canopy_load(const char *path, const struct canopy_load_wish *wish, struct canopy_loaded *loaded,
                  struct canopy_fault *fault);
 

@@ -1,6 +1,7 @@
-// The library fits in frames whose axes are x, y and z. Points are therefore turned into the frame's axes first, rounded to
-// the scalar, and fitted there; the frame that is published is the turned one, and what the turning's rounding moved is
-// made good at the end, where exact.c measures the true margin of every true point and the surface is shifted by it.
+// The library fits in frames whose axes are x, y and z. Points are therefore turned into the frame's axes first,
+// rounded to the scalar, and fitted there; the frame that is published is the turned one, and what the turning's
+// rounding moved is made good at the end, where exact.c measures the true margin of every true point and the surface is
+// shifted by it.
 
 #include "tools/canopy/surface.h"
 
@@ -34,7 +35,7 @@ struct job {
 
 static double now_ms(void) {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);  // whatever else the machine does
     return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
 }
 
@@ -301,21 +302,23 @@ static bool foreign_frame(struct job *job) {
             origin[i] += f->axes[i][k] * f->origin[k];
         }
     }
+    // Turned axes turn the origin into something without a divisor; then a quantum of the pitch is near enough.
     int log2 = smaller(divisor_log2(f->pitch[0] / cells), divisor_log2(f->pitch[1] / cells));
-    log2 = f32 ? smaller(log2, smaller(divisor_log2(origin[0]), divisor_log2(origin[1]))) : 0;
-    // A finer quantum than the integers hold: the origin need not be met exactly, the pitch must.
-    while (log2 < 1024 && (fabs(ldexp(origin[0], -log2)) >= 0x1p30 || fabs(ldexp(origin[1], -log2)) >= 0x1p30)) {
+    log2 = job->along ? smaller(log2, smaller(divisor_log2(origin[0]), divisor_log2(origin[1]))) : log2;
+    const double reach[2] = {fabs(origin[0]) + ((double)f->size[0] - 1.0) * f->pitch[0],
+                             fabs(origin[1]) + ((double)f->size[1] - 1.0) * f->pitch[1]};
+    log2 = f32 ? log2 : 0;
+    while (f32 && log2 < 1024 && fmax(ldexp(reach[0], -log2), ldexp(reach[1], -log2)) >= 0x1p30) {
         log2++;
     }
-    const double pitch[2] = {ldexp(f->pitch[0], -log2), ldexp(f->pitch[1], -log2)};
     for (int a = 0; a < 2; a++) {
-        if (!(pitch[a] >= 1.0 && pitch[a] < 0x1p31 && pitch[a] == floor(pitch[a])) ||
-            fabs(ldexp(origin[a], -log2)) >= 0x1p31) {
-            return canopy_fault_set(
-                job->fault,
-                "the pitch of --frame is not on a quantum of 32-bit integers: give a file that canopy fit wrote");
+        const double pitch = ldexp(f->pitch[a], -log2);
+        if (!(pitch >= 1.0 && pitch == floor(pitch) && ldexp(reach[a], -log2) < 0x1p31)) {
+            return canopy_fault_set(job->fault,
+                                    "the pitch of --frame is not on a quantum of 32-bit integers: give a file "
+                                    "that canopy fit wrote");
         }
-        job->frame.pitch[a] = (uint32_t)pitch[a];
+        job->frame.pitch[a] = (uint32_t)pitch;
         job->frame.origin[a] = (int32_t)rint(ldexp(origin[a], -log2));
     }
     const double base = ldexp(origin[2], -log2);
@@ -323,9 +326,9 @@ static bool foreign_frame(struct job *job) {
     const double zero = ldexp((double)job->frame.origin[2], log2);
     const double low = f32 ? (double)job->low.f32[2] : (double)job->low.fx[2];
     const double high = f32 ? (double)job->high.f32[2] : (double)job->high.fx[2];
-    int reach = -100;  // as lib/cover/frame_f32.c has it
-    frexp(fmax(fabs(high - zero), fabs(low - zero)), &reach);
-    job->frame.lsb_log2 = (int16_t)((reach > -100 ? reach : -100) - CANOPY_RANGE_LOG2 - log2);
+    int highest = -100;  // as lib/cover/frame_f32.c has it
+    frexp(fmax(fabs(high - zero), fabs(low - zero)), &highest);
+    job->frame.lsb_log2 = (int16_t)((highest > -100 ? highest : -100) - CANOPY_RANGE_LOG2 - log2);
     job->frame.quantum_log2 = (int16_t)log2;
     job->frame.size[0] = job->wish->size[0];
     job->frame.size[1] = job->wish->size[1];
@@ -467,8 +470,8 @@ static bool certify(const struct job *job, struct canopy_surrogate *s, struct ca
 }
 
 /// Shifts all coefficients by whole steps so that the smallest margin is as small as can be without being negative: the
-/// B-splines sum to one, so the surface moves by exactly that. A fit from a field is lifted but never lowered: its cells
-/// are promises about points to come.
+/// B-splines sum to one, so the surface moves by exactly that. A fit from a field is lifted but never lowered: its
+/// cells are promises about points to come.
 static bool shift(const struct job *job, struct canopy_surrogate *s, const struct canopy_exact_result *result) {
     double steps = -floor(result->margin / s->lsb);
     if (job->wish->field && steps < 0.0) {

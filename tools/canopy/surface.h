@@ -23,7 +23,7 @@ struct canopy_surface_wish {
     const struct canopy_surrogate *frame;  ///< whose frame to use; NULL: the smallest
 };
 
-/// What came out. Milliseconds are of this machine, points in memory to result.
+/// What came out. Milliseconds are processor time of the calling thread.
 struct canopy_surface_report {
     struct canopy_exact_result result;  ///< of the coefficients in the surrogate, over all points
     uint32_t iterations;                ///< banded solves
@@ -33,14 +33,15 @@ struct canopy_surface_report {
     double certificate_ms;  ///< the last exact pass
 };
 
-/// The frame's axes for a direction: axes[2] is the direction normalised, axes[0] the part of x orthogonal to it, normalised
-/// (of y if the direction is within 26 degrees of x), axes[1] = axes[2] x axes[0]; components in multiples of 2^-30.
-/// False for a direction without length.
+/// The frame's axes for a direction: axes[2] is the direction normalised, axes[0] the part of x orthogonal to it,
+/// normalised (of y if the direction is within 26 degrees of x), axes[1] = axes[2] x axes[0]; components in multiples
+/// of 2^-30. False for a direction without length.
 bool canopy_surface_axes(const double direction[3], int32_t axes[3][3]);
 
-/// Fits, certifies with exact.c, shifts the surface by what is missing (or more than needed) and certifies again.
-/// A surface that is not safe in exact arithmetic is never returned. `surrogate` needs canopy_surrogate_free after success.
-/// Memory: 12 bytes a point beside the list, for axes that are not along the coordinates; the field, at most 64 MB.
+/// Fits, certifies with exact.c, shifts the surface by what is missing (or more than needed) and certifies again. A
+/// surface that is not safe in exact arithmetic is never returned. `surrogate` needs canopy_surrogate_free after
+/// success. Memory: 12 bytes a point beside the list, for axes that are not along the coordinates; the field, at most
+/// 64 MB.
 bool canopy_surface_fit(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
                         struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
                         struct canopy_fault *fault);

@@ -1,29 +1,29 @@
 // The error bound. Let e = 2^-53, B = lsb * the largest |coefficient| that reaches the point's knot cell or one of its
 // eight neighbours, and g_n = n e / (1 - n e).
 //
-// Table. Along one direction the power-basis coefficients of 6 N are whole combinations of four b's with absolute weight
-// sums 6 W, W = (1, 1, 2, 4/3), at most 4 roundings each; twice, then times fl(lsb / 36): each c_kl is within
-// g_11 W_k W_l B. Horner in s, then in t, s and t in [0, 1]: at most 12 roundings on any path. Together
-// g_23 (1 + 1 + 2 + 4/3)^2 B < 656 e B.
+// Table. Along one direction the power-basis coefficients of 6 N are whole combinations of four b's with absolute
+// weight sums 6 W, W = (1, 1, 2, 4/3), at most 4 roundings each; twice, then times fl(lsb / 36): each c_kl is within
+// g_11 W_k W_l B. Horner in s, then in t, s and t in [0, 1]: at most 12 roundings on any path. Together g_23 (1 + 1 + 2
+// + 4/3)^2 B < 656 e B.
 //
-// Argument, axes along the coordinates. d = fl(p - o) has one rounding, 1/pitch one, their product one: u is off by at most
-// 3.001 e (m - 1); clamping into [0, m-1] does not move it away from a true u inside. (s = u - cell is exact.) A slope of S
-// is a convex combination of differences of neighbouring coefficients, so at most 2 B, in this cell and the next, where u
-// may truly be. Both directions: 6.01 e (m + n - 2) B.
+// Argument, axes along the coordinates. d = fl(p - o) has one rounding, 1/pitch one, their product one: u is off by at
+// most 3.001 e (m - 1); clamping into [0, m-1] does not move it away from a true u inside. (s = u - cell is exact.) A
+// slope of S is a convex combination of differences of neighbouring coefficients, so at most 2 B, in this cell and the
+// next, where u may truly be. Both directions: 6.01 e (m + n - 2) B.
 //
-// Height and difference. w = fl(p - o) is off by e |w| (1 + e); fl(S - w) and the last subtraction of the slack add at most
-// 2 e (B (1 + ...) + |w|) each ... all in all the slack
+// Height and difference. w = fl(p - o) is off by e |w| (1 + e); fl(S - w) and the last subtraction of the slack add at
+// most 2 e (B (1 + ...) + |w|) each ... all in all the slack
 //
 //     SLACK_BASE e B + SLACK_SIZE e (m + n) B + 2^-51 |w| + 2^-800,   SLACK_BASE = 720, SLACK_SIZE = 8
 //
 // leaves room for the roundings of the slack itself. 2^-800 covers underflow: see `is_ordinary`.
 //
-// Other axes: each q = a . d has error at most 4.01 e g with g = |d0| + |d1| + |d2| (|a| <= 1 + 1e-6), so u is off by at
-// most 6.1 e g / pitch, and the slack is SLACK_BASE e B + e g (16 B (1/pu + 1/pv) + 8) + 2^-800.
+// Other axes: each q = a . d has error at most 4.01 e g with g = |d0| + |d1| + |d2| (|a| <= 1 + 1e-6), so u is off by
+// at most 6.1 e g / pitch, and the slack is SLACK_BASE e B + e g (16 B (1/pu + 1/pv) + 8) + 2^-800.
 //
-// Windows: level k, coefficients at most B' in height: x = 2^k u - i0 is off by 2^k times u's error plus e |x|, slopes are
-// at most 2 B', and 16 products of weights are summed directly (weights: 8 roundings of sums at most 4; products and sums
-// 18): below 700 e B', and for the argument 2 B' (2^k (error of u + of v) + e (|x| + |y|)).
+// Windows: level k, coefficients at most B' in height: x = 2^k u - i0 is off by 2^k times u's error plus e |x|, slopes
+// are at most 2 B', and 16 products of weights are summed directly (weights: 8 roundings of sums at most 4; products
+// and sums 18): below 700 e B', and for the argument 2 B' (2^k (error of u + of v) + e (|x| + |y|)).
 //
 // Points that this leaves open (margin within the slack, frame edge in doubt) go to rational.c.
 
@@ -254,8 +254,8 @@ struct canopy_exact_result canopy_exact_begin(void) {
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
-// Stages. Loops run over BLOCK, a constant, so that compilers make vectors of them; what lies behind `count` is a copy of
-// the last point and is not counted.
+// Stages. Loops run over BLOCK, a constant, so that compilers make vectors of them; what lies behind `count` is a copy
+// of the last point and is not counted.
 
 static double coordinate_of(const struct canopy_cloud *cloud, int k, size_t index) {
     const size_t at = index * cloud->stride;
@@ -313,8 +313,8 @@ static void load_turned(const struct canopy_exact *e, const struct canopy_cloud 
     }
 }
 
-/// Cell and local parameter along one direction. Arguments outside (or NaN) land in a cell all the same: such points are
-/// sorted out by `keep_inside`.
+/// Cell and local parameter along one direction. Arguments outside (or NaN) land in a cell all the same: such points
+/// are sorted out by `keep_inside`.
 static void find_cell(const struct canopy_exact *e, int i, const double *restrict q, int32_t *restrict h,
                       double *restrict local) {
     const double inverse = e->inverse[i];
@@ -331,8 +331,9 @@ static void find_cell(const struct canopy_exact *e, int i, const double *restric
     }
 }
 
-/// Whether coordinate i of a point is inside beyond doubt. Subtraction never rounds across zero or across another double,
-/// so for axes along the coordinates d < limit decides, if limit is the exact far edge or the comparison is not that close.
+/// Whether coordinate i of a point is inside beyond doubt. Subtraction never rounds across zero or across another
+/// double, so for axes along the coordinates d < limit decides, if limit is the exact far edge or the comparison is not
+/// that close.
 static bool clearly_inside(const struct canopy_exact *e, const struct block *b, size_t p, int i) {
     const double q = b->q[i][p];
     if (e->aligned) {
@@ -342,8 +343,8 @@ static bool clearly_inside(const struct canopy_exact *e, const struct block *b, 
     return q > room && q < e->limit[i] - room;
 }
 
-/// Whether p - o has no rounding error. With |p| >= |o| the difference p - d is exact (Dekker 1971), so comparing it with o
-/// tells; with |p| < |o| the same holds of o + d and p.
+/// Whether p - o has no rounding error. With |p| >= |o| the difference p - d is exact (Dekker 1971), so comparing it
+/// with o tells; with |p| < |o| the same holds of o + d and p.
 static bool subtracts_exactly(double p, double o) {
     const double d = p - o;
     return d + o == p && p - d == o;

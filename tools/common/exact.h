@@ -1,10 +1,10 @@
 /// Is every point on the safe side? Decided exactly, at the price of a double evaluation a point.
 ///
 /// Shares nothing with lib/cover: its own table, its own evaluation, its own arithmetic. Almost every point is decided
-/// by one bicubic Horner evaluation in IEEE double with a proved error bound (derived in exact.c); what the bound leaves
-/// open, and every doubtful frame edge, is decided in whole numbers of any length (GMP), so a verdict has no rounding in it.
-/// The margin that comes out is a true lower bound: raising every coefficient by -margin / lsb makes the surrogate safe,
-/// because the B-splines sum to one.
+/// by one bicubic Horner evaluation in IEEE double with a proved error bound (derived in exact.c); what the bound
+/// leaves open, and every doubtful frame edge, is decided in whole numbers of any length (GMP), so a verdict has no
+/// rounding in it. The margin that comes out is a true lower bound: raising every coefficient by -margin / lsb makes
+/// the surrogate safe, because the B-splines sum to one.
 #ifndef CANOPY_TOOLS_COMMON_EXACT_H
 #define CANOPY_TOOLS_COMMON_EXACT_H
 
@@ -22,8 +22,8 @@ struct canopy_cloud {
     const void *axis[3];  ///< the first x, y and z
 };
 
-/// What is known about all points added so far. Heights and margins in device units along axes[2]; a margin is positive on
-/// the safe side. Points outside the frame count in `points` and `outside` only.
+/// What is known about all points added so far. Heights and margins in device units along axes[2]; a margin is positive
+/// on the safe side. Points outside the frame count in `points` and `outside` only.
 struct canopy_exact_result {
     uint64_t points;
     uint64_t wrong;        ///< on the wrong side, exactly
@@ -66,13 +66,13 @@ static inline bool canopy_exact_is_safe(const struct canopy_exact_result *result
 double canopy_exact_mean_gap(const struct canopy_exact_result *result);
 double canopy_exact_max_gap(const struct canopy_exact_result *result);
 
-/// The surface over each point in device units along axes[2] above the origin, in double with an error below 1e-12 of the
-/// coefficients; NAN outside the frame (decided exactly) or in a knot cell that `trim` excludes. `heights` has room for
-/// cloud->count.
+/// The surface over each point in device units along axes[2] above the origin, in double with an error below 1e-12 of
+/// the coefficients; NAN outside the frame (decided exactly) or in a knot cell that `trim` excludes. `heights` has room
+/// for cloud->count.
 void canopy_exact_heights(struct canopy_exact *exact, const struct canopy_cloud *cloud, double *heights);
 
-/// Sets covered[] (one byte a knot cell, row order) to 1 where the closed cell holds one of the points; others keep what they
-/// hold. A cell whose edge comes within 1e-9 of a point counts too.
+/// Sets covered[] (one byte a knot cell, row order) to 1 where the closed cell holds one of the points; others keep
+/// what they hold. A cell whose edge comes within 1e-9 of a point counts too.
 void canopy_exact_coverage(struct canopy_exact *exact, const struct canopy_cloud *cloud, uint8_t *covered);
 
 #endif

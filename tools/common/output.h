@@ -1,8 +1,8 @@
 /// An output file that is there whole or not at all.
 ///
 /// What is written goes to a temporary file in the same directory, which takes the final name on commit. When the
-/// program fails or is interrupted by SIGINT, SIGTERM or SIGHUP before that, nothing is left behind and a file that stood
-/// there before is untouched. What is no regular file (a device, a pipe, a link) is written to directly.
+/// program fails or is interrupted by SIGINT, SIGTERM or SIGHUP before that, nothing is left behind and a file that
+/// stood there before is untouched. What is no regular file (a device, a pipe, a link) is written to directly.
 #ifndef CANOPY_TOOLS_COMMON_OUTPUT_H
 #define CANOPY_TOOLS_COMMON_OUTPUT_H
 

@@ -3,9 +3,9 @@
 /// ASCII and binary of both byte orders; x, y and z of any scalar type, kept in full precision; other properties (lists
 /// too) and other elements are read over, up to the end of the file, so that a truncated copy never passes.
 ///
-/// Why a reader of our own: Debian 12 packages no PLY library for C (RPly, tinyply and miniply are not in it). Assimp keeps
-/// single precision and is about meshes with faces; VCG and CGAL are C++ templates under the GPL or LGPL that bring Boost
-/// along; PCL brings VTK. The format is one page.
+/// Why a reader of our own: Debian 12 packages no PLY library for C (RPly, tinyply and miniply are not in it). Assimp
+/// keeps single precision and is about meshes with faces; VCG and CGAL are C++ templates under the GPL or LGPL that
+/// bring Boost along; PCL brings VTK. The format is one page.
 #ifndef CANOPY_TOOLS_COMMON_PLY_H
 #define CANOPY_TOOLS_COMMON_PLY_H
 

@@ -100,7 +100,7 @@ static bool get_matrix(const json_t *value, const char *key, const uint32_t size
     if (!json_is_array(value) || json_array_size(value) != rows) {
         return complain(fault, key, "does not have as many rows as the size says");
     }
-    double *matrix = malloc(rows * columns * sizeof *matrix);
+    double *matrix = calloc(rows * columns, sizeof *matrix);
     if (!matrix) {
         return complain(fault, key, "does not fit into memory");
     }
@@ -117,12 +117,16 @@ static bool get_trim(const json_t *value, struct canopy_surrogate *s, struct can
     const uint32_t size[2] = {s->size[0] - 1, s->size[1] - 1};
     const size_t count = (size_t)size[0] * size[1];
     double *cells = NULL;
-    bool ok = get_matrix(value, "trim", size, &cells, fault);
-    s->trim = ok ? malloc(count) : NULL;
-    ok = ok && (s->trim || complain(fault, "trim", "does not fit into memory"));
+    bool ok = get_matrix(value, "trim", size, &cells, fault) && cells;
+    uint8_t *trim = malloc(count);
+    s->trim = trim;
+    if (!ok || !trim) {
+        free(cells);
+        return ok && complain(fault, "trim", "does not fit into memory");
+    }
     for (size_t i = 0; ok && i < count; i++) {
         ok = cells[i] == 0.0 || cells[i] == 1.0 || complain(fault, "trim", "holds something else than 0 and 1");
-        s->trim[i] = cells[i] == 1.0;
+        trim[i] = cells[i] == 1.0;
     }
     free(cells);
     return ok;

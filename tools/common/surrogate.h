@@ -1,9 +1,9 @@
 /// The surrogate file, read and written on a host: JSON through jansson, every number an IEEE double.
 ///
-/// What it means (docs and `canopy fit --help`): for a device point p, q = axes (p - origin), u = q0 / pitch[0] in
-/// [0, m-1], v = q1 / pitch[1] in [0, n-1], height q2. The surface is S(u,v) = sum b_ij N(u-i) N(v-j) with N the uniform
-/// cubic B-spline centred on 0 and the outermost coefficients repeated once; a window of level k in {1, 2} adds
-/// sum d_ij N(2^k u - i0 - i) N(2^k v - j0 - j), not repeated. The height of the surface is S * lsb.
+/// What it means (docs and `canopy fit --help`): for a device point p, q = axes (p - origin), u = q0 / pitch[0] in [0,
+/// m-1], v = q1 / pitch[1] in [0, n-1], height q2. The surface is S(u,v) = sum b_ij N(u-i) N(v-j) with N the uniform
+/// cubic B-spline centred on 0 and the outermost coefficients repeated once; a window of level k in {1, 2} adds sum
+/// d_ij N(2^k u - i0 - i) N(2^k v - j0 - j), not repeated. The height of the surface is S * lsb.
 #ifndef CANOPY_TOOLS_COMMON_SURROGATE_H
 #define CANOPY_TOOLS_COMMON_SURROGATE_H
 
@@ -41,8 +41,8 @@ struct canopy_surrogate {
 
 #define CANOPY_SURROGATE_GRID_MAX 4096  ///< largest m and n this reader and the fits accept
 
-/// Reads and validates. Unknown or missing keys, wrong types, sizes that do not match, numbers that are not finite, axes
-/// that are no rotation: each is a fault that names the file and the key (or the line, where it is not JSON).
+/// Reads and validates. Unknown or missing keys, wrong types, sizes that do not match, numbers that are not finite,
+/// axes that are no rotation: each is a fault that names the file and the key (or the line, where it is not JSON).
 /// `*surrogate` needs canopy_surrogate_free after success only.
 bool canopy_surrogate_read(const char *path, struct canopy_surrogate *surrogate, struct canopy_fault *fault);
 
