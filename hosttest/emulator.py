@@ -14,10 +14,11 @@ class Emulator:
     """Lines 0 and 1 are the board's, 2 is its console."""
 
     def __init__(self, image, scratch):
+        self.scratch = scratch
         paths = [scratch / f"line{i}" for i in range(3)]
         serials = [word for path in paths for word in ("-serial", f"unix:{path},server=on,wait=on")]
-        self.process = subprocess.Popen(["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none",
-                                         *serials, "-kernel", str(IMAGES / image)],
+        self.process = subprocess.Popen(["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor",
+                                         f"unix:{scratch}/monitor,server=on,wait=off", *serials, "-kernel", str(IMAGES / image)],
                                         stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.lines = [self.connect(path) for path in paths]
 
@@ -32,6 +33,21 @@ class Emulator:
             except OSError:
                 time.sleep(0.05)
         raise RuntimeError(f"the emulator does not offer {path}")
+
+    def memory(self, address, length):
+        """Bytes of the board's memory, as the emulator's monitor saves them."""
+        monitor = self.connect(self.scratch / "monitor")
+        self.until_prompt(monitor)
+        monitor.sendall(f'pmemsave {address:#x} {length} "{self.scratch}/memory"\n'.encode())
+        self.until_prompt(monitor)
+        monitor.close()
+        return (self.scratch / "memory").read_bytes()
+
+    @staticmethod
+    def until_prompt(monitor):
+        text = b""
+        while not text.endswith(b"(qemu) "):
+            text += monitor.recv(4096)
 
     def close(self):
         self.process.kill()

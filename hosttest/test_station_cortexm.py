@@ -2,12 +2,14 @@
 
 import json
 import math
+import subprocess
 import time
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 
-from emulator import BUILD, Emulator
+from emulator import BUILD, IMAGES, Emulator
 from rtu import Client, NoAnswer, Registers, Scanner, crc
 
 # runs alone: the board's time is the host's
@@ -188,3 +190,27 @@ def test_a_restart_command_forgets_the_scene(big):
     assert big.client.write(big.registers.table["command"]["address"], [2])[0] == 16
     assert big.registers["status"] & VALID == 0
     assert (big.registers["sequence"], big.registers["points"], big.registers["coverage_pct"]) == (0, 0, 0)
+
+
+def symbol(image, name):
+    table = subprocess.run(["arm-none-eabi-nm", IMAGES / image], check=True, capture_output=True, text=True).stdout
+    return next(int(row.split()[0], 16) for row in table.splitlines() if row.split()[-1] == name)
+
+
+def test_the_stack_stays_within_what_the_call_graph_says(big):
+    """The emulator's memory starts as zeros: the lowest byte that is not zero is how deep the stack went."""
+    root = Path(__file__).resolve().parent.parent
+    scratch = big.emulator.scratch
+    scanner = big.scan(hills(40, 60, missing=lambda i, j: i % 9 == 4))
+    big.wait("points", lambda count: count == len(scanner.points()))
+    big.registers.envelope()
+    big.client.write(big.registers.table["query_x"]["address"], [0, 500, 0, 500])
+    assert big.registers["query_sequence"] > 0
+    subprocess.run(["/usr/bin/python3", root / "tools/stack.py", "--calls", root / "tools/calls.txt", "--json",
+                    scratch / "stack.json", IMAGES / "canopy.elf"], cwd=root, check=True, capture_output=True)
+    computed = json.loads((scratch / "stack.json").read_text())["canopy"]["worst"]
+    limit, top = symbol("canopy.elf", "canopy_stack_limit"), symbol("canopy.elf", "canopy_stack_top")
+    stack = big.emulator.memory(limit, top - limit)
+    used = len(stack.lstrip(b"\0"))
+    print(f"stack: used {used}, computed {computed}")
+    assert 300 < used <= computed

@@ -55,8 +55,7 @@ void board_sleep(uint64_t due_us, uint32_t seen) {
     const uint64_t now_us = canopy_cortexm_now_us();
     if (due_us <= now_us)
         return;
-    if (due_us - now_us < 1000u)  // else the clock's interrupt is there first
-        canopy_cmsdk_timer_alarm(&timer, (uint32_t)(due_us - now_us));
+    canopy_cmsdk_timer_alarm(&timer, due_us - now_us < 100000u ? (uint32_t)(due_us - now_us) : 100000u);
     canopy_cortexm_idle(seen);
 }
 

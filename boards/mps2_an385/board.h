@@ -39,8 +39,8 @@ struct board board_start(uint32_t baud0, uint32_t baud1);
 /// From now on the board resets unless the watchdog is fed once in `period_us`, at most 171 seconds.
 void board_start_watchdog(uint32_t period_us);
 
-/// Sleeps until the clock reaches `due_us`, unless an interrupt has brought work since `seen` was read from
-/// canopy_cortexm_activity() or brings it; or until the clock's next millisecond. So T3.5 is met to the microsecond.
+/// Sleeps until the clock reaches `due_us`, for a tenth of a second at most, unless an interrupt has brought work since
+/// `seen` was read from canopy_cortexm_activity() or brings it. So T3.5 is met to the microsecond.
 void board_sleep(uint64_t due_us, uint32_t seen);
 
 #endif

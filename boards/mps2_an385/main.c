@@ -15,6 +15,7 @@
 #define COLUMNS 512  // readings a profile, at most
 #define WORDS 1      // registers a height of the generic scanner
 #define BAUD 115200
+#define WATCHDOG_US 2000000  // hundreds of steps; an emulator's busy host may hold one up
 #define SCANNER_UNIT 1
 #define OUR_UNIT 1
 #define TIMEOUT_US 500000    // of a request to the scanner: longer than any answer takes
