@@ -1,4 +1,4 @@
-"""The demo, shortened, on both boards; and that it says what is wrong, when something is, and leaves nothing running."""
+"""The demo, shortened, on both boards; and when something is wrong, it says so and leaves nothing running."""
 
 import json
 import os
@@ -89,12 +89,13 @@ def test_the_checker_is_asked(build):
     lines = served.read_text().splitlines()
     x, y, z = lines[700].split()
     served.write_text("\n".join([*lines, f"{x} {y} {float(z) + 1000}"]) + "\n")
-    done = subprocess.run([str(BUILD / "host" / "canopy"), "check", str(build / "demo" / "surrogate.json"), str(served)],
-                          capture_output=True, text=True)
+    done = subprocess.run([str(BUILD / "host" / "canopy"), "check", str(build / "demo" / "surrogate.json"),
+                           str(served)], capture_output=True, text=True)
     assert done.returncode == 1, done.stdout
 
 
-@pytest.mark.parametrize("name, text", [("absent.xyz", None), ("words.xyz", "these are no points\n"), ("empty.xyz", "")])
+@pytest.mark.parametrize("name, text", [("absent.xyz", None), ("words.xyz", "these are no points\n"),
+                                        ("empty.xyz", "")])
 def test_a_bad_scene_is_named(build, name, text):
     scene = build / name
     if text is not None:
@@ -124,9 +125,9 @@ def test_a_missing_program_is_named(tmp_path, missing):
 def test_no_child_outlives_the_demo(build, board, number):
     running = subprocess.Popen([*DEMO, "--board", board], cwd=ROOT, env={**os.environ, "BUILD": str(build)},
                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    while b"profiles " not in running.stdout.readline():
+    while b"PLC sees" not in running.stdout.readline():
         assert running.poll() is None
-    assert len(children_of(build)) >= 2
+    assert len(children_of(build)) == 3  # scanner, device, PLC
     running.send_signal(number)
     assert running.wait(30) != 0
     running.stdout.close()
