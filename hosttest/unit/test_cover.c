@@ -91,6 +91,27 @@ UNIT(frame_in_float_has_exact_edges) {
     }
 }
 
+// Differences of the extents beyond what a float's exponent spans, and coordinates whose differences would be infinite.
+UNIT(frame_in_float_holds_its_corners) {
+    struct canopy_frame f;
+    const float low[3] = {-1e-30f, -1e20f, 0}, high[3] = {-1e-31f, 1e20f, 0};
+    CHECK_EQ(canopy_frame_around_f32(&f, &grid, low, high), CANOPY_OK);
+    CHECK_EQ(f.origin[0], -1);
+    const float from[3] = {-ldexpf(1, 50), 0, 0}, to[3] = {1e-30f, 1e20f, 0};
+    CHECK_EQ(canopy_frame_around_f32(&f, &grid, from, to), CANOPY_OK);
+    CHECK(f.origin[0] + (int64_t)canopy_frame_width(&f, 0) > 0);
+    const float most = CANOPY_FRAME_F32_MAX, least[3] = {-most, -most, -most}, far[3] = {most, most, most};
+    CHECK_EQ(canopy_frame_around_f32(&f, &grid, least, far), CANOPY_OK);
+    CHECK(isfinite(ldexpf((float)(f.origin[0] + (int64_t)canopy_frame_width(&f, 0)), f.quantum_log2)));
+    for (int a = 0; a < 3; a++) {
+        float beyond[3] = {most, most, most};
+        beyond[a] = nextafterf(most, INFINITY);
+        CHECK_EQ(canopy_frame_around_f32(&f, &grid, least, beyond), CANOPY_ARGUMENT);
+        beyond[a] = -beyond[a];
+        CHECK_EQ(canopy_frame_around_f32(&f, &grid, beyond, far), CANOPY_ARGUMENT);
+    }
+}
+
 // ---- Field
 
 static CANOPY_ARENA_DECLARE(field_arena, CANOPY_FIELD_ARENA(M, N, CELLS, CELLS));
@@ -549,8 +570,8 @@ UNIT(envelope_bounds_its_height) {
 }
 
 UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_takes_the_whole_range_of_coordinates,
-          frame_refuses_what_is_no_grid_or_box, frame_in_float_has_exact_edges, field_asks_for_its_arena,
-          field_finds_the_cell_of_every_point, field_finds_cells_over_the_whole_range,
+          frame_refuses_what_is_no_grid_or_box, frame_in_float_has_exact_edges, frame_in_float_holds_its_corners,
+          field_asks_for_its_arena, field_finds_the_cell_of_every_point, field_finds_cells_over_the_whole_range,
           field_keeps_the_highest_and_says_so, field_below_keeps_the_lowest, field_refuses_heights_it_cannot_hold,
           field_rounds_heights_up_where_a_step_is_more_than_a_quantum, field_in_float_agrees_with_exact_edges,
           fields_merge_by_maximum, coverage_is_one_bit_a_knot_cell, line_is_above_every_node_in_both_scalars,

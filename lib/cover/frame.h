@@ -13,11 +13,12 @@
 
 #include "lib/status.h"
 
-#define CANOPY_AXIS_ONE (1 << 30)  ///< axis components are multiples of 2^-30
-#define CANOPY_SIZE_MIN 4          ///< least m and n
-#define CANOPY_SIZE_MAX 1024       ///< largest m and n
-#define CANOPY_CELLS_MAX 32        ///< largest number of cells a knot interval
-#define CANOPY_RANGE_LOG2 24       ///< the data's height range is at most 2^24 steps
+#define CANOPY_AXIS_ONE (1 << 30)      ///< axis components are multiples of 2^-30
+#define CANOPY_SIZE_MIN 4              ///< least m and n
+#define CANOPY_SIZE_MAX 1024           ///< largest m and n
+#define CANOPY_CELLS_MAX 32            ///< largest number of cells a knot interval
+#define CANOPY_RANGE_LOG2 24           ///< the data's height range is at most 2^24 steps
+#define CANOPY_FRAME_F32_MAX 0x1p126f  ///< largest coordinate of a float frame's box
 
 enum canopy_side { CANOPY_ABOVE = 0, CANOPY_BELOW = 1 };
 enum canopy_scalar { CANOPY_F32 = 0, CANOPY_FX = 1 };
@@ -43,7 +44,8 @@ struct canopy_grid {
 /// The smallest frame with axes along x, y and z that holds the box low … high of device points, corners included:
 /// its origin is the box's corner on the quantum, its pitch the smallest multiple of Q quanta that reaches the far side.
 /// In float the quantum is the smallest power of two for which every cell edge has at most 24 bits.
-/// CANOPY_ARGUMENT: the grid is out of range, low > high, or (float) a corner is not finite. *frame is then unchanged.
+/// CANOPY_ARGUMENT: the grid is out of range, low > high, or (float) a corner is not within +- CANOPY_FRAME_F32_MAX, where
+/// differences of coordinates are still finite. *frame is then unchanged.
 enum canopy_status canopy_frame_around_fx(struct canopy_frame *frame, const struct canopy_grid *grid,
                                           const int32_t low[3], const int32_t high[3]);
 enum canopy_status canopy_frame_around_f32(struct canopy_frame *frame, const struct canopy_grid *grid,

@@ -7,9 +7,17 @@
 #define EDGE_BITS 24  // what a float holds exactly
 #define LEAST -100    // quanta and height ranges are at least 2^LEAST, so that their reciprocals are floats
 
+// x / 2^log2 to the whole number below and above; what is too small for a float then is still not nothing.
+static float quanta_below(float x, int log2) {
+    const float quanta = ldexpf(x, -log2);
+    return quanta == 0.0f && x < 0.0f ? -1.0f : floorf(quanta);
+}
+
+static float quanta_above(float x, int log2) { return -quanta_below(-x, log2); }
+
 // Origin and pitch of one axis on the quantum 2^log2. False where an edge needs more than EDGE_BITS.
 static bool place_axis(struct canopy_frame *frame, int a, float low, float high, int log2) {
-    const float from = floorf(ldexpf(low, -log2)), to = ceilf(ldexpf(high, -log2));
+    const float from = quanta_below(low, log2), to = quanta_above(high, log2);
     const float limit = (float)(1 << EDGE_BITS);
     if (!(from >= -limit && to <= limit)) {
         return false;
@@ -40,7 +48,7 @@ enum canopy_status canopy_frame_around_f32(struct canopy_frame *frame, const str
                                            const float low[3], const float high[3]) {
     int sideways = -149;
     for (int a = 0; a < 3; a++) {
-        if (!(low[a] <= high[a]) || !isfinite(low[a]) || !isfinite(high[a])) {
+        if (!(low[a] <= high[a] && low[a] >= -CANOPY_FRAME_F32_MAX && high[a] <= CANOPY_FRAME_F32_MAX)) {
             return CANOPY_ARGUMENT;
         }
         if (a < 2) {
