@@ -11,6 +11,7 @@
 #define COLUMNS_WIDE 4096u  // most columns that may be asked for
 #define COLUMNS_USUAL 488u  // what four reads of a profile carry
 #define PROFILES_MOST 65535u
+#define LINES_LEAST 16u
 #define PROFILES_USUAL 4096u
 #define READINGS_MOST (64u << 20)
 #define COUNTS 65534  // the largest height count; 65535 is "no reading"
@@ -139,13 +140,13 @@ static uint32_t clamp(double value, uint32_t low, uint32_t high) {
     return value < low ? low : value > high ? high : (uint32_t)value;
 }
 
-// As many cells as points, in the shape of the scene.
+// As many cells as points, in the shape of the scene; a few points get a few lines more.
 static void usual_counts(const struct cloud *cloud, uint32_t *columns, uint32_t *profiles) {
     const double width = fmax(cloud->high[0] - cloud->low[0], cloud->unit);
     const double depth = fmax(cloud->high[1] - cloud->low[1], cloud->unit);
     const double n = (double)cloud->count;
-    *columns = clamp(sqrt(n * width / depth), 1, 400);
-    *profiles = clamp(n / *columns, 1, 400);
+    *columns = clamp(sqrt(n * width / depth), LINES_LEAST, 400);
+    *profiles = clamp(n / *columns, LINES_LEAST, 400);
 }
 
 static void choose_cuts(const struct cloud *cloud, const struct canopy_scene_wish *wish, struct cut cuts[2]) {
