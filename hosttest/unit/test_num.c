@@ -133,6 +133,17 @@ UNIT(band_says_when_it_is_close_to_singular) {
     CHECK(!canopy_band_solve_fx(nothing, 1));
 }
 
+// -90 over a pivot of 0.05 is -1800, which 32 bits of Q24 would wrap to a harmless -8.
+UNIT(band_says_when_an_entry_does_not_fit) {
+    const int32_t one = 1 << 24, tenth = one / 10;
+    struct canopy_band_row_f32 f[3] = {
+        {{0, 0, 0.1f, 0, 3}, 1.0f}, {{0, 3, 0.05f, 0, 0}, 1.0f}, {{0, 0, 1, 0, 0}, 1.0f}};
+    struct canopy_band_row_fx x[3] = {
+        {{0, 0, tenth, 0, 3 * one}, 1}, {{0, 3 * one, tenth / 2, 0, 0}, 1}, {{0, 0, one, 0, 0}, 1}};
+    CHECK(!canopy_band_solve_f32(f, 3));
+    CHECK(!canopy_band_solve_fx(x, 3));
+}
+
 UNIT(band_says_when_a_value_does_not_fit) {
     struct canopy_band_row_fx rows[3];
     for (size_t i = 0; i < 3; i++) {
@@ -143,4 +154,4 @@ UNIT(band_says_when_a_value_does_not_fit) {
 
 UNIT_LIST(num, shifts_round_their_way, divisions_round_their_way, saturation_is_a_flag, log2_is_exact,
           band_solves_in_float, band_solves_in_fixed_point, band_says_when_it_is_close_to_singular,
-          band_says_when_a_value_does_not_fit)
+          band_says_when_an_entry_does_not_fit, band_says_when_a_value_does_not_fit)

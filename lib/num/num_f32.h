@@ -21,7 +21,10 @@ typedef float acc;
 
 static inline num num_ratio(int32_t p, int32_t q) { return (float)p / (float)q; }
 
-static inline num num_mul(num a, num b) { return a * b; }
+static inline num num_mul(num a, num b, bool *saturated) {
+    (void)saturated;  // an infinity is caught by num_within
+    return a * b;
+}
 
 static inline num num_inverse(num a) { return 1.0f / a; }
 

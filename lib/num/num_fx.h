@@ -25,12 +25,12 @@ typedef int64_t acc;
 /// p / q for 0 <= p <= q <= 2^17.
 static inline num num_ratio(int32_t p, int32_t q) { return (num)(((int64_t)p * NUM_ONE + q / 2) / q); }
 
-static inline num num_mul(num a, num b) { return (num)(canopy_wide(a, b) >> 24); }
+static inline num num_mul(num a, num b, bool *saturated) { return canopy_narrow(canopy_wide(a, b) >> 24, saturated); }
 
 /// 1 / a for 1/64 <= |a| < 64, to about 20 bits: one 32-bit division for 11 bits, one Newton step for the rest.
 static inline num num_inverse(num a) {
     const uint32_t size = (uint32_t)(a < 0 ? -a : a);
-    const uint32_t guess = UINT32_MAX / (size >> 8);                 // about 2^40 / size, 14 to 26 bits
+    const uint32_t guess = UINT32_MAX / (size >> 8);                 // about 2^40 / size, 11 to 23 bits
     const int32_t miss = (int32_t)(((uint64_t)guess * size) >> 16);  // guess * size / 2^40 in Q24
     const int64_t better = (int64_t)guess * (2 * NUM_ONE - miss);    // Q16 + Q24
     const num inverse = (num)(better >> 16);
