@@ -221,6 +221,31 @@ def test_the_unit_of_the_scene(tmp_path):
     assert [max(p[k] for p in offered) for k in range(3)] == high
 
 
+@pytest.mark.parametrize("points", [
+    [(1, 2, 3)], [(5, 5, 5)] * 9, [(3, i, i * i) for i in range(50)], [(i, 7, -i) for i in range(700)],
+    [(-2147483647, 0, 0), (2147483647, 0, 0)], [(0, 0, -2147483647), (10, 10, 2147483647)],
+    [(1e30, 0, 0), (2e30, 1, 0)], [(0, 0, 0), (65534, 1, 65535), (1, 65535, 65534)],
+    [(-100, -100, -100), (-90, -80, -70), (-95, -85, -70.5)]], ids=range(9))
+@pytest.mark.parametrize("options", [(), ("--columns", 1, "--profiles", 1), ("--columns", 3000)], ids=len)
+def test_awkward_scenes_stay_in_their_box(tmp_path, points, options):
+    path = tmp_path / "scene.xyz"
+    path.write_text("".join(f"{x} {y} {z}\n" for x, y, z in points))
+    unit = max(1, max(abs(v) for point in points for v in point) / 1e5)
+    with scanning(path, "--tcp", "127.0.0.1:0", *options, unit=str(unit)) as scanner:
+        raw = Raw(scanner.tcp)
+        d, seen = raw.read(0, 28), 0
+        for _ in range(min(d[5], 20)):
+            header, readings = raw.read(HEADER, 5), []
+            for at in range(0, d[4] + 1, 100):
+                readings += raw.read(HEIGHTS + at, min(100, d[4] + 1 - at))
+            for column, h in enumerate(readings[:-1]):
+                if h != NONE:
+                    reading = [words(d, 6) + column * words(d, 8), words(header, 2), words(d, 10) + h * d[12]]
+                    assert all(words(d, 14 + 2 * k) <= reading[k] <= words(d, 20 + 2 * k) for k in range(3))
+                    seen += 1
+    assert seen > 0
+
+
 def test_the_highest_point_of_a_column_is_seen(tmp_path):
     path = tmp_path / "stack.xyz"
     path.write_text("0 0 5\n0 0 9\n0.3 0 7\n100 0 1\n0 100 3\n100 100 4\n")
