@@ -1,5 +1,5 @@
-// libFuzzer on the Modbus engines: RTU server, TCP server, RTU client and TCP client, chosen by the first byte. The rest is a list
-// of steps: a byte that says what to do and for how long, then so many bytes of input.
+// libFuzzer on the Modbus engines: RTU server, TCP server, RTU client and TCP client, chosen by the first byte. The
+// rest is a list of steps: a byte that says what to do and for how long, then so many bytes of input.
 #include <stdlib.h>
 #include <string.h>
 

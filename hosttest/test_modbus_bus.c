@@ -1,6 +1,6 @@
-// A whole RTU line in virtual time: a master, absent and present neighbours, noise, and one server. Everything on the wire is
-// known to the model, so every reply and every write can be judged: is it the answer to a request that was really sent to this
-// unit? The model shares only headers with lib/modbus.
+// A whole RTU line in virtual time: a master, absent and present neighbours, noise, and one server. Everything on the
+// wire is known to the model, so every reply and every write can be judged: is it the answer to a request that was
+// really sent to this unit? The model shares only headers with lib/modbus.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -104,8 +104,8 @@ static void line_start(uint32_t baud, uint8_t bits, uint64_t seed) {
     assert_int_equal(canopy_modbus_rtu_server_init(&line.server, &config), CANOPY_OK);
 }
 
-// What the specification says the reply to a request is; an implementation of its own, on the table as it is now (after the
-// write, which changes nothing that a correct reply shows). Returns its length without CRC.
+// What the specification says the reply to a request is; an implementation of its own, on the table as it is now
+// (after the write, which changes nothing that a correct reply shows). Returns its length without CRC.
 static size_t reference_reply(const struct bytes *request, uint8_t *to) {
     const uint8_t *r = request->at;
     const size_t pdu = request->length - 3;
@@ -209,8 +209,8 @@ static void pause_ns(uint64_t ns) {
         poll_line();
 }
 
-// Sends bytes back to back, handed over in random pieces. `pause_percent`: chance of an invented silence before a byte, but never
-// at `never_at`, where data begin that are a request themselves.
+// Sends bytes back to back, handed over in random pieces. `pause_percent`: chance of an invented silence before a
+// byte, but never at `never_at`, where data begin that are a request themselves.
 static void send_bytes(const struct bytes *frame, uint32_t pause_percent, size_t never_at) {
     for (size_t i = 0; i < frame->length; i++) {
         if (i > 0 && i != never_at && pause_percent && chance(pause_percent)) {
@@ -265,8 +265,8 @@ static bool crc_is_right_before_the_end(const struct bytes *frame) {
     return false;
 }
 
-// A request to us. Writes carry values that no other write carries; evil ones, which stand in other frames' data, carry values
-// that no real one carries.
+// A request to us. Writes carry values that no other write carries; evil ones, which stand in other frames' data,
+// carry values that no real one carries.
 static void request_to_us(struct bytes *frame, uint8_t unit, bool evil) {
     const uint16_t address = (uint16_t)below(TABLE_REGISTERS);
     const uint16_t value = evil ? (uint16_t)(LEGIT_LIMIT + below(0x4000)) : line.next_value;
@@ -422,8 +422,8 @@ static void noise(void) {
         for (size_t i = 0; i < frame.length; i++)
             frame.at[i] = (uint8_t)below(256);
     }
-    // Not short of one byte alone: one that happens to start the next frame, and is followed by an invented silence, would
-    // complete it, and nobody could tell.
+    // Not short of one byte alone: one that happens to start the next frame, and is followed by an invented silence,
+    // would complete it, and nobody could tell.
     if (chance(50))
         frame.length = 1 + below((uint32_t)frame.length - 2);
     else

@@ -1,5 +1,6 @@
-// Modbus engines against every small change of what they are fed: every truncation, every changed byte, any chunking, garbage.
-// Input stands in memory of its exact size and servers between canaries, so that sanitizers and checks see each byte too many.
+// Modbus engines against every small change of what they are fed: every truncation, every changed byte, any chunking,
+// garbage. Input stands in memory of its exact size and servers between canaries, so that sanitizers and checks see
+// each byte too many.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -183,7 +184,8 @@ static void every_changed_byte_over_rtu(void **state) {
     }
 }
 
-// Every PDU of up to three bytes, and every length with each function, with a right CRC: an answer of the right shape, always.
+// Every PDU of up to three bytes, and every length with each function, with a right CRC: an answer of the right shape,
+// always.
 static void every_short_request_is_answered(void **state) {
     (void)state;
     uint8_t reply[CANOPY_MODBUS_RTU_ADU_MAX];
@@ -274,7 +276,8 @@ static void garbage_over_rtu(void **state) {
     check_rtu_alive();
 }
 
-// Frames of every size up to the last byte of the buffer, in a server that ends where its memory ends: nothing is read beyond.
+// Frames of every size up to the last byte of the buffer, in a server that ends where its memory ends: nothing is read
+// beyond.
 static void frames_fill_the_buffer(void **state) {
     (void)state;
     start();
@@ -299,7 +302,8 @@ static void frames_fill_the_buffer(void **state) {
             }
 }
 
-// A full buffer without a silence: a write to us at its beginning is done if a frame follows, not if anything else does.
+// A full buffer without a silence: a write to us at its beginning is done if a frame follows, not if anything else
+// does.
 static void a_full_buffer_is_settled(void **state) {
     (void)state;
     const struct pdu write = {5, {6, 0, 1, 0, 77}}, poll = {5, {3, 0, 0, 0, 8}};
@@ -316,6 +320,49 @@ static void a_full_buffer_is_settled(void **state) {
         now_us += SILENCE_US;
         check_rtu_alive();
     }
+}
+
+// A neighbour's write request that begins with a whole response: the longer reading counts, and a request behind it is
+// heard.
+static void the_longer_reading_counts(void **state) {
+    (void)state;
+    struct pdu write = {22, {16, 0, 0, 0, 8}};
+    uint8_t frame[CANOPY_MODBUS_RTU_ADU_MAX], reply[CANOPY_MODBUS_RTU_ADU_MAX], head[8];
+    unsigned address = 0;
+    do {  // its byte count and first value are the CRC of a response with this address
+        write.at[1] = (uint8_t)(address >> 8);
+        write.at[2] = (uint8_t)address++;
+        head[0] = US + 1;
+        memcpy(head + 1, write.at, 5);
+        table_crc(head, 6);
+    } while (head[6] != 16);
+    write.at[5] = head[6];
+    write.at[6] = head[7];
+    size_t length = rtu_frame(&write, US + 1, frame);
+    assert_true(crc_is_right(frame, 8) && crc_is_right(frame, length));
+    length += rtu_frame(&requests[0], US, frame + length);
+    start();
+    feed_rtu(frame, length);
+    assert_int_equal(rtu_reply(reply), 9);
+}
+
+// A long response of a neighbour that lost its last byte, which happens to be our address; then a request to us. The
+// two do not fit the buffer, and together they begin with a whole frame.
+static void a_cut_response_does_not_eat_a_request(void **state) {
+    (void)state;
+    struct pdu response = {252, {3, 250}};
+    uint8_t frame[CANOPY_MODBUS_RTU_ADU_MAX];
+    size_t length;
+    do {
+        response.at[2]++;
+        if (response.at[2] == 0)
+            response.at[3]++;
+        length = rtu_frame(&response, US + 1, frame);
+    } while (frame[length - 1] != US);
+    start();
+    feed_rtu(frame, length - 1);
+    now_us += 10000;
+    check_rtu_alive();
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -442,6 +489,8 @@ int main(void) {
         cmocka_unit_test(garbage_over_rtu),
         cmocka_unit_test(frames_fill_the_buffer),
         cmocka_unit_test(a_full_buffer_is_settled),
+        cmocka_unit_test(the_longer_reading_counts),
+        cmocka_unit_test(a_cut_response_does_not_eat_a_request),
         cmocka_unit_test(every_truncation_over_tcp),
         cmocka_unit_test(every_changed_byte_over_tcp),
         cmocka_unit_test(chunking_makes_no_difference_over_tcp),

@@ -1,5 +1,5 @@
-// The clients against our own servers over a bad line, in virtual time: what a client reports as the answer is the answer that the
-// server gave to this very request, or it reports none.
+// The clients against our own servers over a bad line, in virtual time: what a client reports as the answer is the
+// answer that the server gave to this very request, or it reports none.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Our Modbus server and client against mbpoll, pymodbus and libmodbus, over pty and TCP.
 
-As a program it prints the table of docs/modbus.md: which server still hears its own request after the master has polled an
-absent neighbour.  make test-programs && hosttest/test_modbus_peers.py
+As a program it prints the table of docs/modbus.md: which server still hears its own request after the master has
+polled an absent neighbour.  make test-programs && hosttest/test_modbus_peers.py
 """
 # runs alone: it deals in real time
 
@@ -293,8 +293,8 @@ def test_tcp_pipelined_byte_by_byte_and_lost():
 
 
 def heard_after_absent_neighbour(role, gap_s, times, wait_s):
-    """How many of our requests are answered, and how many answers are not ours, when a neighbour that is not there was polled
-    `gap_s` before each."""
+    """How many of our requests are answered, and how many answers are not ours, when a neighbour that is not there was
+    polled `gap_s` before each."""
     request = crc(struct.pack(">BBHH", UNIT, 3, 0, 2))
     answer = crc(struct.pack(">BBBHH", UNIT, 3, 4, initial(0), initial(1)))
     absent = crc(struct.pack(">BBHH", UNIT + 1, 3, 0, 8))

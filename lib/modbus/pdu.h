@@ -81,8 +81,8 @@ enum {
     CANOPY_MODBUS_LENGTH_MORE = 0,      ///< more bytes are needed to tell
     CANOPY_MODBUS_LENGTH_OPEN = 0xFFFF  ///< the function does not say: such a PDU ends where the frame ends
 };
-/// Of a request whose first `have` bytes are at `pdu`. Knows 01-08 (08 with one word of data), 0B, 0C, 0F-11, 14-18 and 2B/0E. May exceed
-/// CANOPY_MODBUS_PDU_MAX: then it is not a request.
+/// Of a request whose first `have` bytes are at `pdu`. Knows 01-08 (08 with one word of data), 0B, 0C, 0F-11, 14-18
+/// and 2B/0E. May exceed CANOPY_MODBUS_PDU_MAX: then it is not a request.
 size_t canopy_modbus_request_length(const uint8_t *pdu, size_t have);
 /// Of a response, likewise; every exception has two bytes.
 size_t canopy_modbus_response_length(const uint8_t *pdu, size_t have);

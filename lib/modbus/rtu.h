@@ -10,35 +10,47 @@
 /// does not trust length alone either: then one unanswered poll of an absent neighbour makes a server deaf.
 ///
 /// - Bytes are *collected*. Nothing is done about a request to this unit while bytes keep coming.
-/// - When the line has been silent for T3.5, what was collected is *read*: as a chain of frames, each found by the length
-///   that its function and byte count state and by its CRC, which together must reach exactly the last byte. The
+/// - When the line has been silent for T3.5, what was collected is *read*: as a chain of frames, each found by the
+///   length that its function and byte count state and by its CRC, which together must reach exactly the last byte. The
 ///   chain may start at the beginning of the last burst, or (bytes that came after a pause inside a frame) at an
 ///   earlier one. The last burst alone is tried first.
 /// - Requests to this unit or to all in an accepted chain are carried out in order. Only one that ends the chain is
 ///   answered: the master has stopped waiting for any other.
 /// - A neighbour's frame may be a request or a response; the longer reading with a right CRC counts. While the
 ///   bytes may still be the head of a response that is awaited, nothing behind them is taken for a frame.
-/// - A frame to this unit with a right CRC but a wrong length is answered by exception 03 (one that is too short only when
-///   `pause_us` is over, as it might go on), an unknown function by 01.
-/// - What does not make a chain is kept for `pause_us`, in case the silence was invented and the rest follows; then
-///   dropped and counted. If the buffer fills without a silence, its oldest frame is settled by length and CRC; if
-///   there is none, the server ignores everything until the next silence.
+/// - A frame to this unit with a right CRC but a wrong length is answered by exception 03 (one that is too short only
+///   when `pause_us` is over, as it might go on), an unknown function by 01.
+/// - A silence before bytes is the time between two calls without the time that the bytes of the second take on the
+///   wire. On a line that is faster than its baud rate says (a pty, an emulator) that hides silences: give baud 0.
+/// - What does not make a chain is kept for `pause_us`, in case the silence was invented and the rest follows; then it
+///   is dropped and counted.
+/// - If the buffer fills up without a silence, the frame at its beginning is taken by length and CRC; a request to this
+///   unit only if another frame follows directly. If there is none, the next burst is tried, and if there is none
+///   either, everything is ignored until the next silence.
 ///
 /// ## What holds
 ///
 /// 1. A well-formed request to this unit that comes after a silence of T3.5 and is followed by one is answered, no
-///    matter what came before: an absent neighbour, a truncated frame, garbage, an unknown function.
-/// 2. Nothing is carried out unless its CRC is right, it starts where a frame may start (after a silence of T3.5 or directly
-///    behind a valid frame) and it ends at a silence or directly before a valid frame. So a request that is only data inside
-///    a neighbour's frame is never carried out, however the bytes are cut into calls.
-/// 3. A request whose silences before it were swallowed is answered, if the frames before it in the same burst are
-///    whole and valid.
-/// 4. The answer is offered at T3.5 after the request's last byte, not before; bytes that arrive before it is taken
-///    withdraw it.
+///    matter what came before: an absent neighbour, a truncated frame, garbage, an unknown function, a flood.
+/// 2. Nothing is carried out unless its CRC is right, it starts where a frame may start (after a silence of T3.5, or
+///    directly behind a valid frame) and it ends at a silence or directly before a valid frame. So a request that is
+///    only data inside a neighbour's frame is never carried out, however the bytes are cut into calls and whether the
+///    silences around that frame are seen or not.
+/// 3. A request whose silence before it was swallowed is answered if the frames before it in the same burst are whole
+///    and their lengths are known.
+/// 4. The answer is offered at T3.5 after the request's last byte, not before. Bytes that come before its first byte
+///    is taken withdraw it.
+/// 5. Any bytes at any times: no access outside the object, bounded work, and back in step at the next silence.
 ///
-/// Where this ends: if real silences of T3.5 stand inside a neighbour's frame, exactly around data that is itself a
-/// request to this unit with a right CRC, then rule 1 wins and it is answered. A CRC of 16 bits is right by chance once in
-/// 65,536 corrupted frames.
+/// ## Where this ends
+///
+/// - Silences of T3.5 inside a neighbour's frame, exactly before and behind data that are a request to this unit with a
+///   right CRC: rule 1 answers it. The same where a late port makes silences appear just there.
+/// - A request that lost its last byte is completed by a burst of exactly that byte within `pause_us`. A strict line
+///   sets `pause_us` to the silence and has none of this.
+/// - A request of an unknown function with an invented silence where its CRC is right already (one in 256 before the
+///   last byte): the exception comes that much too early.
+/// - A CRC of 16 bits is right by chance once in 65,536 damaged frames.
 #ifndef CANOPY_MODBUS_RTU_H
 #define CANOPY_MODBUS_RTU_H
 
@@ -63,7 +75,7 @@ struct canopy_modbus_rtu_server_config {
     uint8_t unit;                           ///< 1 to 247
     uint8_t client;                         ///< handed to the bank
     uint8_t character_bits;                 ///< 10 (8N1) or 11; 0 means 11
-    uint32_t baud;                          ///< 0: bytes take no time (a pty)
+    uint32_t baud;                          ///< 0: bytes take no time (a pty, an emulator)
     uint32_t silence_us;                    ///< 0: canopy_modbus_rtu_silence_us(baud)
     uint32_t pause_us;                      ///< 0: CANOPY_MODBUS_RTU_PAUSE_US; set it to the silence to forgive none
 };
@@ -97,8 +109,8 @@ struct canopy_modbus_rtu_server {
 enum canopy_status canopy_modbus_rtu_server_init(struct canopy_modbus_rtu_server *server,
                                                  const struct canopy_modbus_rtu_server_config *config);
 
-/// Takes all of `length` received bytes, any number and any chunking; `now_us` is when the last of them had arrived (or was
-/// noticed: later is allowed and only makes silences look longer). Do not feed what the line echoes of our own
+/// Takes all of `length` received bytes, any number and any chunking; `now_us` is when the last of them had arrived
+/// (or was noticed: later is allowed and only makes silences look longer). Do not feed what the line echoes of our own
 /// sending. Bytes that arrive while a reply is being sent are ignored.
 /// May call the bank (when the silence had passed unnoticed). Work: one store a byte, and a reading of at most 256
 /// collected bytes when a silence has passed or the buffer is full.
@@ -124,9 +136,9 @@ uint64_t canopy_modbus_rtu_server_due(const struct canopy_modbus_rtu_server *ser
 /// It keeps T3.5 of silence before a request. A response is found by its length and CRC and must agree with the
 /// request in unit, function, byte count and echo; anything else is dropped up to the next silence and counted, and
 /// the wait goes on until the timeout. Bytes that come while nothing is awaited (a late answer to a request that
-/// timed out) are dropped and put the next request off until the line is silent. RTU has no transaction numbers: a late answer that starts
-/// only after the next request of the same shape has gone out cannot be told from its answer; choose the timeout longer than
-/// the device's worst response time.
+/// timed out) are dropped and put the next request off until the line is silent. RTU has no transaction numbers: a
+/// late answer that starts only after the next request of the same shape has gone out cannot be told from its answer;
+/// choose the timeout longer than the device's worst response time.
 struct canopy_modbus_rtu_client_config {
     uint8_t character_bits;  ///< 10 (8N1) or 11; 0 means 11
     uint32_t baud;           ///< 0: bytes take no time
@@ -152,8 +164,8 @@ struct canopy_modbus_rtu_client {
     uint8_t buffer[CANOPY_MODBUS_RTU_ADU_MAX];
 };
 
-/// CANOPY_ARGUMENT: no timeout, or character bits other than 0, 10, 11. `now_us`: the first request waits for a silence from
-/// here.
+/// CANOPY_ARGUMENT: no timeout, or character bits other than 0, 10, 11. `now_us`: the first request waits for a
+/// silence from here.
 enum canopy_status canopy_modbus_rtu_client_init(struct canopy_modbus_rtu_client *client,
                                                  const struct canopy_modbus_rtu_client_config *config, uint64_t now_us);
 

@@ -30,8 +30,8 @@ struct frame {
 };
 
 // ---------------------------------------------------------------------------------------------------------------------
-// Which response is awaited on the line. Only consulted to decide whether bytes that are a whole request may still become a
-// longer response.
+// Which response is awaited on the line. Only consulted to decide whether bytes that are a whole request may still
+// become a longer response.
 
 static void await_nothing(struct canopy_modbus_rtu_server *server) {
     server->awaited.unit = 0;  // from which nothing comes
@@ -87,8 +87,8 @@ static struct frame our_frame(const uint8_t *adu, size_t there) {
     return (struct frame){NO_FRAME, 0};
 }
 
-// A neighbour's bytes are a request or a response. The longer whole one counts; a request stands back while the response that is
-// awaited may still come.
+// A neighbour's bytes are a request or a response. The longer whole one counts; a request stands back while the
+// response that is awaited may still come.
 static struct frame neighbours_frame(const struct canopy_modbus_rtu_server *server, const uint8_t *adu, size_t there) {
     const size_t request = adu_length(canopy_modbus_request_length(adu + 1, there - 1));
     const size_t response = adu_length(canopy_modbus_response_length(adu + 1, there - 1));
@@ -104,9 +104,9 @@ static struct frame neighbours_frame(const struct canopy_modbus_rtu_server *serv
 
 // What the `there` bytes at `adu`, up to a silence, are as one frame, whatever its function says about its length.
 //
-// Zeros behind a right CRC leave it right. So one in 256 frames has a right CRC without its last byte too: what is too short
-// for its function may still go on, and is a frame only when the pause is over. And what has a right CRC at the length of its
-// function is no longer frame because zeros follow.
+// Zeros behind a right CRC leave it right. So one in 256 frames has a right CRC without its last byte too: what is too
+// short for its function may still go on, and is a frame only when the pause is over. And what has a right CRC at the
+// length of its function is no longer frame because zeros follow.
 static struct frame frame_of_all(const struct canopy_modbus_rtu_server *server, const uint8_t *adu, size_t there,
                                  bool ours, enum moment moment) {
     if (!canopy_modbus_crc_ok(adu, there))
@@ -277,17 +277,21 @@ static size_t next_start(const struct canopy_modbus_rtu_server *server) {
     return server->mark_count > 1 ? server->marks[1] : server->burst;
 }
 
-// The buffer is full without a silence: no frame that starts at 0 can still grow. Is it one to be taken? A request to us only if
-// the next frame, right behind it and without a silence in between, is there to prove it.
+// The buffer is full without a silence: no frame that starts at 0 can still grow. Is there one to be taken? Not with a
+// silence inside: its last bytes may be the first of another. And a request to us only if the next frame is there,
+// right behind it, to prove it.
 static struct frame settled_frame(const struct canopy_modbus_rtu_server *server) {
-    const struct frame frame = frame_at(server, 0, NO_SILENCE);
-    if (frame.kind != OURS)
-        return frame;
+    const struct frame none = {NO_FRAME, 0};
     const size_t next = next_start(server);
-    const struct frame proof = frame_at(server, frame.length, NO_SILENCE);
-    if (proof.kind == NO_FRAME || (next > 0 && next < frame.length + proof.length))
-        return (struct frame){NO_FRAME, 0};
-    return frame;
+    const struct frame frame = frame_at(server, 0, NO_SILENCE);
+    size_t length = frame.length;
+    if (frame.kind == OURS) {
+        const struct frame proof = frame_at(server, length, NO_SILENCE);
+        if (proof.kind == NO_FRAME)
+            return none;
+        length += proof.length;
+    }
+    return next > 0 && next < length ? none : frame;
 }
 
 // Takes the frame at the beginning of a full buffer, or goes on to the next place where one may start.

@@ -134,8 +134,8 @@ static void add_objects(struct request *r, uint8_t first, uint8_t last) {
     }
 }
 
-// Request: function, MEI type, access code, object. Reply: those three, conformity, more follows, next object, number of
-// objects, objects. A stream asked for from an unknown object starts over.
+// Request: function, MEI type, access code, object. Reply: those three, conformity, more follows, next object, number
+// of objects, objects. A stream asked for from an unknown object starts over.
 static uint8_t serve_identify(struct request *r) {
     if (!r->bank->identify || (r->length >= 2 && r->pdu[1] != MEI_IDENTIFY))
         return CANOPY_MODBUS_ILLEGAL_FUNCTION;

@@ -74,8 +74,8 @@ struct canopy_modbus_tcp_client_config {
 
 /// One connection; about 590 bytes. Private but for the counters. Not thread-safe.
 ///
-/// One request at a time. A response must carry the request's transaction number, unit and function and agree with it in
-/// byte count and echo; anything else (an answer that comes after its timeout, above all) is dropped and counted.
+/// One request at a time. A response must carry the request's transaction number, unit and function and agree with it
+/// in byte count and echo; anything else (an answer that comes after its timeout, above all) is dropped and counted.
 struct canopy_modbus_tcp_client {
     struct canopy_modbus_tcp_client_config config;
     struct canopy_modbus_expected expected;
@@ -94,8 +94,8 @@ struct canopy_modbus_tcp_client {
 /// CANOPY_ARGUMENT: no timeout. For each new connection.
 enum canopy_status canopy_modbus_tcp_client_init(struct canopy_modbus_tcp_client *client,
                                                  const struct canopy_modbus_tcp_client_config *config);
-/// Starts a request. CANOPY_ARGUMENT if one is pending, the stream is lost, or no such request exists (pdu.h); the client is
-/// unchanged then. A request that was partly sent cannot be given up: close the connection.
+/// Starts a request. CANOPY_ARGUMENT if one is pending, the stream is lost, or no such request exists (pdu.h); the
+/// client is unchanged then. A request that was partly sent cannot be given up: close the connection.
 enum canopy_status canopy_modbus_tcp_client_start(struct canopy_modbus_tcp_client *client,
                                                   const struct canopy_modbus_request *request, uint64_t now_us);
 /// Bytes to send, at *bytes; 0 for none.
