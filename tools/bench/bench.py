@@ -20,9 +20,10 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-import peers
-import report
-from scenes import ROOT, Scene, all_scenes, spheres
+sys.dont_write_bytecode = True  # nothing is written outside BUILD
+import peers  # noqa: E402
+import report  # noqa: E402
+from scenes import ROOT, Scene, all_scenes, spheres  # noqa: E402
 
 sys.path.insert(0, str(ROOT / "hosttest"))
 import bench_firmware  # noqa: E402
@@ -87,19 +88,27 @@ def compare(scene, scratch, quick):
     return result
 
 
-def firmware():
-    """Instruction counts on the emulated board, {} where there is no image."""
-    image = BUILD / "mps2_an385" / "cycles.elf"
-    if not image.exists():
+def firmware(scratch):
+    """Instructions on the emulated board, and flash, RAM and stack of the station's images; {} where there are none."""
+    images = BUILD / "mps2_an385"
+    stations = [images / f"{name}.elf" for name in ("canopy", "canopy-10x10")]
+    if not all(path.exists() for path in stations + [images / "cycles.elf"]):
         return {}
-    progress("instructions on the emulated Cortex-M3")
-    return bench_firmware.count(image)
+    progress("instructions, sizes and stack of the firmware")
+    maps = [path.with_suffix(".map") for path in stations]
+    size, stack = scratch / "size.json", scratch / "stack.json"
+    for command in ([ROOT / "tools" / "size.py", "--json", size, *maps],
+                    [ROOT / "tools" / "stack.py", "--calls", ROOT / "tools" / "calls.txt", "--json", stack, *stations]):
+        subprocess.run([sys.executable, *command], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    return {"instructions": bench_firmware.count(images / "cycles.elf"),
+            "size": json.loads(size.read_text(encoding="utf-8")), "stack": json.loads(stack.read_text(encoding="utf-8"))}
 
 
 def measure(quick):
     scratch = BUILD / "bench"
     scratch.mkdir(parents=True, exist_ok=True)
     result = {"machine": machine(), "quick": quick}
+    result["firmware"] = {} if quick else firmware(scratch)  # first: it is quick, and may fail
     clouds, grids = (CLOUDS[:1], GRIDS[:1]) if quick else (CLOUDS, GRIDS)
     time_for = ["--rounds", "5"] if quick else ["--seconds", "2"]
     scenes = [Scene("spheres", spheres(3000), 8)] if quick else all_scenes()
@@ -112,7 +121,6 @@ def measure(quick):
     for grid in grids:
         progress(f"spheres: 30,000 points, {grid} x {grid}")
         result["grids"].append(ours(Scene(f"spheres-{grid}", spheres(30000), grid), scratch, "--points-only", *time_for))
-    result["firmware"] = {} if quick else firmware()
     result["goals"] = report.goals(result)
     return result
 
