@@ -26,7 +26,7 @@ enum {
     DESCRIPTORS_SPARE = 16  // standard streams, signals, events, the scanner's link, a file being read
 };
 
-#define CELLS_MOST (1U << 22)
+#define CELLS_MOST (1U << 20)  // a fit begins, and a publication ends, with one look at all of them: a few ms
 
 // ---- Opening
 

@@ -5,6 +5,7 @@
 #include <stdarg.h>
 #include <stdbool.h>
 #include <stdio.h>
+#include <string.h>
 #include <unistd.h>
 
 enum { LINE_MAX_BYTES = 400 };
@@ -30,6 +31,19 @@ static size_t finish(char *line, int length, size_t room) {
     return end + 1;
 }
 
+// In one piece with what has to be said of earlier lines.
+static bool put_with_note(const char *line, size_t length) {
+    char both[2 * LINE_MAX_BYTES];
+    size_t noted = 0;
+    if (dropped > 0) {
+        const int text =
+            snprintf(both, LINE_MAX_BYTES, "%s: %lu lines dropped: standard error was full", log_name, dropped);
+        noted = finish(both, text, LINE_MAX_BYTES);
+    }
+    memcpy(both + noted, line, length);
+    return put(both, noted + length);
+}
+
 void canopy_linux_log(const char *format, ...) {
     char line[LINE_MAX_BYTES];
     const int prefix = snprintf(line, sizeof line, "%s: ", log_name);
@@ -42,12 +56,6 @@ void canopy_linux_log(const char *format, ...) {
     va_end(arguments);
     const size_t length = finish(line, text < 0 ? text : prefix + text, sizeof line);
     pthread_mutex_lock(&lock);
-    if (dropped > 0) {
-        char note[LINE_MAX_BYTES];
-        const int count =
-            snprintf(note, sizeof note, "%s: %lu lines dropped: standard error was full", log_name, dropped);
-        dropped = put(note, finish(note, count, sizeof note)) ? 0 : dropped;
-    }
-    dropped += !put(line, length);
+    dropped = put_with_note(line, length) ? 0 : dropped + 1;
     pthread_mutex_unlock(&lock);
 }
