@@ -145,23 +145,33 @@ static bool is_seen(const struct canopy_fast *fast, uint32_t i, uint32_t j) {
     return false;
 }
 
+// Where at[i] is not 0 something is there: replaces each by the index of the nearest such, -1 if there is none.
+static void find_nearest(int32_t *at, uint32_t count) {
+    int32_t last = -1, next = -1;
+    for (int32_t i = 0; i < (int32_t)count; i++) {
+        last = at[i] != 0 ? i : last;
+        at[i] = last;
+    }
+    for (int32_t i = (int32_t)count - 1; i >= 0; i--) {
+        if (at[i] == i) {
+            next = i;
+        } else if (next >= 0 && (at[i] < 0 || next - i < i - at[i])) {
+            at[i] = next;
+        }
+    }
+}
+
 // Gives each unseen coefficient of the column in `result` the value of the nearest seen one.
 static void fill_column(struct canopy_fast *fast) {
     const uint32_t m = fast->field->frame.size[0];
-    int32_t *nearest = fast->line.nodes;  // free once the column is fitted: distance to the last seen one, upwards
-    uint32_t last = UINT32_MAX;
+    int32_t *nearest = fast->line.nodes;  // free once the column is fitted
     for (uint32_t i = 0; i < m; i++) {
-        last = is_seen(fast, i, fast->index) ? i : last;
-        nearest[i] = last == UINT32_MAX ? INT32_MAX : (int32_t)(i - last);
+        nearest[i] = is_seen(fast, i, fast->index);
     }
-    uint32_t next = UINT32_MAX;
-    for (uint32_t i = m; i-- > 0;) {
-        if (nearest[i] == 0) {
-            next = i;
-        } else if (next != UINT32_MAX && (uint32_t)nearest[i] > next - i) {
-            fast->result[i] = fast->result[next];
-        } else if (nearest[i] != INT32_MAX) {
-            fast->result[i] = fast->result[i - (uint32_t)nearest[i]];
+    find_nearest(nearest, m);
+    for (uint32_t i = 0; i < m; i++) {
+        if (nearest[i] >= 0) {
+            fast->result[i] = fast->result[nearest[i]];
         }
     }
 }
@@ -179,20 +189,15 @@ static bool column_is_held(const struct canopy_fast *fast, uint32_t j) {
 // Gives each column on which there was nothing to fit the coefficients of the nearest one that was.
 static void fill_columns(struct canopy_fast *fast) {
     const uint32_t m = fast->field->frame.size[0], n = fast->field->frame.size[1];
+    int32_t *nearest = fast->result;  // free once the last column is stored
     for (uint32_t j = 0; j < n; j++) {
-        if (column_is_held(fast, j)) {
-            continue;
-        }
-        uint32_t from = j;
-        for (uint32_t away = 1; away < n && from == j; away++) {
-            if (j >= away && column_is_held(fast, j - away)) {
-                from = j - away;
-            } else if (j + away < n && column_is_held(fast, j + away)) {
-                from = j + away;
-            }
-        }
-        for (uint32_t i = 0; i < m; i++) {
-            fast->b[(size_t)i * n + j] = fast->b[(size_t)i * n + from];
+        nearest[j] = column_is_held(fast, j);
+    }
+    find_nearest(nearest, n);
+    int32_t *row = fast->b;
+    for (uint32_t i = 0; i < m; i++, row += n) {
+        for (uint32_t j = 0; j < n; j++) {
+            row[j] = nearest[j] >= 0 ? row[nearest[j]] : 0;  // none if the field was cleared since the fit began
         }
     }
 }
