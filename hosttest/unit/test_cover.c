@@ -251,6 +251,24 @@ UNIT(field_rounds_heights_up_where_a_step_is_more_than_a_quantum) {
     }
 }
 
+// Frames from elsewhere may have any step.
+UNIT(field_takes_any_step) {
+    struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 100);
+    const int32_t at[3] = {1, 1, frame.origin[2]}, above[3] = {1, 1, INT32_MAX}, below[3] = {1, 1, INT32_MIN};
+    static const int16_t steps[] = {INT16_MIN, -63, -31, 63, 64, INT16_MAX};
+    for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
+        frame.lsb_log2 = steps[i];
+        struct canopy_field field = field_in(&frame);
+        struct canopy_field_hit hit;
+        CHECK_EQ(canopy_field_insert_fx(&field, below, &hit), CANOPY_OK);
+        CHECK_EQ(hit.height, steps[i] < 0 ? -CANOPY_HEIGHT_LIMIT : 0);
+        CHECK_EQ(canopy_field_insert_fx(&field, at, &hit), CANOPY_OK);
+        CHECK_EQ(hit.height, 0);
+        CHECK_EQ(canopy_field_insert_fx(&field, above, &hit), steps[i] < 0 ? CANOPY_RANGE : CANOPY_OK);
+        CHECK(steps[i] < 0 || hit.height == 1);
+    }
+}
+
 UNIT(field_in_float_agrees_with_exact_edges) {
     const float low[3] = {-3.7f, 100.1f, 0.0f}, high[3] = {5.3f, 100.7f, 1.0f};
     struct canopy_frame frame;
@@ -592,10 +610,11 @@ UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_takes_the_whole
           frame_refuses_what_is_no_grid_or_box, frame_in_float_has_exact_edges, frame_in_float_holds_its_corners,
           field_asks_for_its_arena, field_finds_the_cell_of_every_point, field_finds_cells_over_the_whole_range,
           field_keeps_the_highest_and_says_so, field_below_keeps_the_lowest, field_refuses_heights_it_cannot_hold,
-          field_rounds_heights_up_where_a_step_is_more_than_a_quantum, field_in_float_agrees_with_exact_edges,
-          fields_merge_by_maximum, coverage_is_one_bit_a_knot_cell, line_is_above_every_node_in_both_scalars,
-          line_through_a_straight_slope_is_that_slope, line_without_data_says_so, line_is_safe_wherever_it_is_stopped,
-          lift_looks_at_vertices_and_clears_every_node, surface_is_certified_in_both_scalars,
-          certificate_notices_what_is_too_low, raising_mends_any_surface_in_one_pass,
-          certificate_refuses_an_approximate_field, surface_says_what_is_wrong_with_its_arguments,
-          what_nothing_covered_sees_is_its_nearest, raise_keeps_within_the_format, envelope_bounds_its_height)
+          field_rounds_heights_up_where_a_step_is_more_than_a_quantum, field_takes_any_step,
+          field_in_float_agrees_with_exact_edges, fields_merge_by_maximum, coverage_is_one_bit_a_knot_cell,
+          line_is_above_every_node_in_both_scalars, line_through_a_straight_slope_is_that_slope,
+          line_without_data_says_so, line_is_safe_wherever_it_is_stopped, lift_looks_at_vertices_and_clears_every_node,
+          surface_is_certified_in_both_scalars, certificate_notices_what_is_too_low,
+          raising_mends_any_surface_in_one_pass, certificate_refuses_an_approximate_field,
+          surface_says_what_is_wrong_with_its_arguments, what_nothing_covered_sees_is_its_nearest,
+          raise_keeps_within_the_format, envelope_bounds_its_height)

@@ -86,12 +86,13 @@ CANOPY_INLINE bool find_cell(const struct canopy_field_axis *axis, int32_t p, bo
     return offset == axis->extent;
 }
 
-// The height of any z, the long way; CANOPY_NO_HEIGHT if it is too high.
+// The height of any z, the long way; CANOPY_NO_HEIGHT if it is too high. A step of 2^-30 quanta is as good as any finer
+// one, since one quantum is too high then; and 2^62 as good as any coarser one, since all heights are 0 or 1.
 static int32_t find_far_height(const struct canopy_frame *frame, int32_t z) {
     int64_t steps = (int64_t)z - frame->origin[2];
     steps = frame->side == CANOPY_BELOW ? -steps : steps;
-    steps = frame->lsb_log2 <= 0 ? steps * ((int64_t)1 << -frame->lsb_log2)
-                                 : canopy_shift_ceil(steps, (unsigned)frame->lsb_log2);
+    const int lsb_log2 = frame->lsb_log2 < -30 ? -30 : frame->lsb_log2 > 62 ? 62 : frame->lsb_log2;
+    steps = lsb_log2 <= 0 ? steps * ((int64_t)1 << -lsb_log2) : canopy_shift_ceil(steps, (unsigned)lsb_log2);
     if (steps > CANOPY_HEIGHT_LIMIT) {
         return CANOPY_NO_HEIGHT;
     }
