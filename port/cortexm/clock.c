@@ -3,55 +3,55 @@
 #include "port/cortexm/core.h"
 #include "port/cortexm/startup.h"
 
-static uint32_t ticks_per_ms;
 static uint32_t ticks_per_us;
-static volatile uint64_t milliseconds;  // written by the interrupt, read with interrupts masked
-static uint64_t latest;  // what was read last, with interrupts masked: the clock never goes back behind it
-static uint32_t latest_part;
+static uint32_t us_per_turn;     // whole, so that time needs no division of 64 bits
+static volatile uint32_t turns;  // written by the interrupt, read with interrupts masked; they last 91 years at 25 MHz
+static uint32_t latest, latest_part;  // what was read last, with interrupts masked
 static volatile uint32_t activity;
 
 void canopy_cortexm_clock_start(uint32_t hz) {
-    ticks_per_ms = hz / 1000u;
     ticks_per_us = hz / 1000000u;
-    CANOPY_SYSTICK_LOAD = ticks_per_ms - 1u;
+    us_per_turn = (1u << 24) / ticks_per_us;
+    CANOPY_SYSTICK_LOAD = us_per_turn * ticks_per_us - 1u;
     CANOPY_SYSTICK_VAL = 0;
     CANOPY_SYSTICK_CTRL = 7;  // processor clock, interrupt, enabled
 }
 
-void canopy_systick_entry(void) { milliseconds++; }
+void canopy_systick_entry(void) { turns++; }
 
-// The whole milliseconds and the ticks into the next one. The counter runs down and its interrupt becomes pending as it
-// reaches 0: a value of 0 is the first tick of a new millisecond.
-static uint32_t read_clock(uint64_t *whole) {
+// The whole turns and the ticks into the next one. The counter runs down and its interrupt becomes pending as it
+// reaches 0: a value of 0 is the first tick of a new turn.
+static uint32_t read_clock(uint32_t *whole) {
     const uint32_t before = canopy_core_mask();
     uint32_t left = CANOPY_SYSTICK_VAL;
-    uint64_t count = milliseconds;
+    uint32_t count = turns;
     if ((CANOPY_SCB_ICSR & CANOPY_ICSR_SYSTICK_PENDING) != 0) {
         left = CANOPY_SYSTICK_VAL;  // read again: the first may be from before the turn
         count++;
     }
-    const uint32_t part = left == 0 ? 0 : ticks_per_ms - left;
-    // QEMU on a busy host may show the 0 before the interrupt is pending: then it stands still until that has happened.
-    if (count > latest || (count == latest && part > latest_part)) {
-        latest = count;
-        latest_part = part;
+    uint32_t part = left == 0 ? 0 : us_per_turn * ticks_per_us - left;
+    // QEMU on a busy host may show the 0 before the interrupt is pending: the clock stands still then, never goes back.
+    if (count < latest || (count == latest && part < latest_part)) {
+        count = latest;
+        part = latest_part;
     }
-    *whole = latest;
-    const uint32_t result = latest_part;
+    latest = count;
+    latest_part = part;
     canopy_core_restore(before);
-    return result;
+    *whole = count;
+    return part;
 }
 
 uint64_t canopy_cortexm_ticks(void) {
-    uint64_t whole;
+    uint32_t whole;
     const uint32_t part = read_clock(&whole);
-    return whole * ticks_per_ms + part;
+    return (uint64_t)whole * (us_per_turn * ticks_per_us) + part;
 }
 
 uint64_t canopy_cortexm_now_us(void) {
-    uint64_t whole;
+    uint32_t whole;
     const uint32_t part = read_clock(&whole);
-    return whole * 1000u + part / ticks_per_us;
+    return (uint64_t)whole * us_per_turn + part / ticks_per_us;
 }
 
 static uint64_t now_us(void *context) {
