@@ -112,9 +112,9 @@ enum canopy_status canopy_modbus_rtu_server_init(struct canopy_modbus_rtu_server
 /// Takes all of `length` received bytes, any number and any chunking; `now_us` is when the last of them had arrived
 /// (or was noticed: later is allowed and only makes silences look longer). Do not feed what the line echoes of our own
 /// sending. Bytes that arrive while a reply is being sent are ignored.
-/// May call the bank (when the silence had passed unnoticed). Work: one store a byte; and when a silence has passed, two
-/// CRCs over what was collected if that is one frame, at worst (64 frames of four bytes in a row) some 20,000 bytes of
-/// CRC at 11 instructions each on a Cortex-M3.
+/// May call the bank (when the silence had passed unnoticed). Work: one store a byte; and when a silence has passed,
+/// two CRCs over what was collected if that is one frame, at worst (64 frames of four bytes in a row) some 20,000 bytes
+/// of CRC at 11 instructions each on a Cortex-M3.
 void canopy_modbus_rtu_server_feed(struct canopy_modbus_rtu_server *server, const uint8_t *bytes, size_t length,
                                    uint64_t now_us);
 
