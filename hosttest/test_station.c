@@ -700,6 +700,34 @@ static void test_uncertainty_counts(void **state) {
                      CANOPY_RANGE);
 }
 
+// Where a frame reaches to the end of 32 bits, what the uncertainty adds may not end there.
+static void test_uncertainty_beyond_32_bits(void **state) {
+    (void)state;
+    struct world *w = &world;
+    for (int side = CANOPY_ABOVE; side <= CANOPY_BELOW; side++) {
+        const bool above = side == CANOPY_ABOVE;
+        const int32_t end = above ? INT32_MAX : INT32_MIN, inwards = above ? -1 : 1;
+        const int32_t low[3] = {0, 0, above ? end - 1000 : end}, high[3] = {30, 30, above ? end : end + 1000};
+        struct canopy_station_config config = SMALL;
+        config.grid.side = (uint8_t)side;
+        start(w, &config);
+        do_scene(w, low, high);
+        do_reading(w, (const int32_t[3]){15, 15, end + 5 * inwards}, 5);
+        while (w->sequence == 0) {
+            do_step(w, 1);
+        }
+        assert_int_equal(status_of(w), CANOPY_PLC_VALID);
+        static const uint32_t more[] = {6, 1000, UINT32_MAX};
+        for (size_t i = 0; i < sizeof more / sizeof more[0]; i++) {
+            const int32_t inside[3] = {15, 15, end + 5 * inwards}, beside[3] = {-1, 15, end + 5 * inwards};
+            assert_int_equal(canopy_station_reading(&w->station, beside, more[i], w->now_us), CANOPY_OUT_OF_FRAME);
+            assert_int_equal(status_of(w), i == 0 ? CANOPY_PLC_VALID : CANOPY_PLC_INTRUSION);
+            assert_int_equal(canopy_station_reading(&w->station, inside, more[i], w->now_us), CANOPY_RANGE);
+            assert_int_equal(status_of(w), CANOPY_PLC_INTRUSION);
+        }
+    }
+}
+
 static void test_out_of_range_latches(void **state) {
     (void)state;
     struct world *w = &world;
@@ -753,6 +781,49 @@ static void test_stale_and_fresh_again(void **state) {
     assert_int_equal(status_of(w), CANOPY_PLC_VALID);
 }
 
+// A frame that is refused leaves the scene as it was, also when something is published or being fitted.
+static void test_refused_frames_change_nothing(void **state) {
+    (void)state;
+    struct world *w = &world;
+    static const int32_t low[3] = {0, 0, 0}, high[3] = {60, 60, 1000};
+    struct canopy_station_config config = SMALL;
+    config.grid.cells = 4;
+    start(w, &config);
+    do_scene(w, low, high);
+    for (int i = 0; i < 3; i++) {
+        do_reading(w, (const int32_t[3]){5 + 20 * i, 15, 500}, 0);
+    }
+    do_step(w, 3);
+    for (int published = 0; published < 2; published++) {
+        const int64_t sum = sum_of_cells(w);
+        const uint8_t stage = w->station.stage;
+        for (int bad = 0; bad < 10; bad++) {
+            struct canopy_frame frame = w->frame;
+            switch (bad) {
+            case 0: frame.pitch[0]++; break;
+            case 1: frame.pitch[1] += 2; break;
+            case 2: frame.pitch[0] = 0; break;
+            case 3: frame.size[0]++; break;
+            case 4: frame.size[1]++; break;
+            case 5: frame.cells = 2; break;
+            case 6: frame.side = CANOPY_BELOW; break;
+            case 7: frame.quantum_log2 = 1; break;
+            case 8: frame.axis[0][1] = 1; break;
+            default: frame.axis[2][2] = -frame.axis[2][2]; break;
+            }
+            assert_int_equal(canopy_station_begin(&w->station, &frame), CANOPY_ARGUMENT);
+            assert_int_equal(w->station.stage, stage);
+            assert_memory_equal(&w->station.field.frame, &w->frame, sizeof frame);
+            assert_true(sum_of_cells(w) == sum);
+            check(w);
+        }
+        for (int i = 0; i < 200; i++) {
+            do_step(w, 1);
+        }
+        assert_int_equal(w->sequence, 1);
+    }
+}
+
 static void test_arguments(void **state) {
     (void)state;
     struct canopy_station_config config = SMALL;
@@ -794,7 +865,9 @@ int main(void) {
         cmocka_unit_test(test_arguments),
         cmocka_unit_test(test_intrusion_in_the_same_call),
         cmocka_unit_test(test_uncertainty_counts),
+        cmocka_unit_test(test_uncertainty_beyond_32_bits),
         cmocka_unit_test(test_out_of_range_latches),
+        cmocka_unit_test(test_refused_frames_change_nothing),
         cmocka_unit_test(test_refresh_counts_more_points),
         cmocka_unit_test(test_stale_and_fresh_again),
         cmocka_unit_test(test_every_interleaving),

@@ -143,10 +143,26 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
     return canopy_plc_init(&station->plc, &plc, cut.next, cut.left);
 }
 
-enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame) {
-    const struct canopy_grid *grid = &station->config.grid;
+// All that could be refused further on is refused here, while nothing has been changed.
+static bool is_acceptable(const struct canopy_frame *frame, const struct canopy_grid *grid) {
     if (frame->size[0] != grid->size[0] || frame->size[1] != grid->size[1] || frame->cells != grid->cells ||
         frame->side != grid->side || frame->quantum_log2 != 0) {
+        return false;
+    }
+    for (int a = 0; a < 3; a++) {
+        for (int c = 0; c < 3; c++) {
+            if (frame->axis[a][c] != (a == c ? CANOPY_AXIS_ONE : 0)) {
+                return false;
+            }
+        }
+    }
+    return frame->pitch[0] > 0 && frame->pitch[0] % grid->cells == 0 && frame->pitch[1] > 0 &&
+           frame->pitch[1] % grid->cells == 0;
+}
+
+enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame) {
+    const struct canopy_grid *grid = &station->config.grid;
+    if (!is_acceptable(frame, grid)) {
         return CANOPY_ARGUMENT;
     }
     const uint16_t cells[2] = {frame->cells, frame->cells};
@@ -229,11 +245,29 @@ static void intrude(struct canopy_station *station) {
     station->intrusions++;
 }
 
-// z moved to the unsafe end of its uncertainty; what does not fit 32 bits then is beyond any frame anyway.
-static int32_t worst_height(const struct canopy_station *station, int32_t z, uint32_t uncertainty) {
+static bool is_beside(const struct canopy_frame *frame, const int32_t point[3]) {
+    for (int a = 0; a < 2; a++) {
+        const int64_t offset = (int64_t)point[a] - frame->origin[a];
+        if (offset < 0 || offset > (int64_t)canopy_frame_width(frame, a)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+// Enters the reading with z at the unsafe end of its uncertainty, `worst`. Where that does not fit 32 bits the frame may
+// still reach that far, but no coordinate does: it is out of range.
+static enum canopy_status enter(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
+                                int32_t worst[3], struct canopy_field_hit *hit) {
     const bool above = station->config.grid.side == CANOPY_ABOVE;
-    const int64_t worst = (int64_t)z + (above ? (int64_t)uncertainty : -(int64_t)uncertainty);
-    return worst > INT32_MAX ? INT32_MAX : worst < INT32_MIN ? INT32_MIN : (int32_t)worst;
+    const int64_t z = (int64_t)point[2] + (above ? (int64_t)uncertainty : -(int64_t)uncertainty);
+    if (z > INT32_MAX || z < INT32_MIN) {
+        return is_beside(&station->field.frame, point) ? CANOPY_OUT_OF_FRAME : CANOPY_RANGE;
+    }
+    worst[0] = point[0];
+    worst[1] = point[1];
+    worst[2] = (int32_t)z;
+    return canopy_field_insert_fx(&station->field, worst, hit);
 }
 
 enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
@@ -243,9 +277,9 @@ enum canopy_status canopy_station_reading(struct canopy_station *station, const 
         station->rejected++;
         return CANOPY_EMPTY;
     }
-    const int32_t worst[3] = {point[0], point[1], worst_height(station, point[2], uncertainty)};
+    int32_t worst[3];
     struct canopy_field_hit hit;
-    const enum canopy_status status = canopy_field_insert_fx(&station->field, worst, &hit);
+    const enum canopy_status status = enter(station, point, uncertainty, worst, &hit);
     if (status != CANOPY_OK) {
         station->rejected++;
         if (status == CANOPY_RANGE) {
@@ -291,7 +325,7 @@ bool canopy_station_profile(struct canopy_station *station, struct canopy_profil
 
 // ---- The step
 
-// Drops the candidate. The last envelope stays; the next attempt waits for its interval.
+// Drops the candidate. The last envelope stays; the next attempt waits for its interval, or not if there is an intrusion.
 static void fail(struct canopy_station *station) {
     station->fits_failed++;
     station->risen = true;

@@ -102,7 +102,8 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
                                        void *arena, size_t bytes, uint64_t now_us);
 
 /// Begins a scene: withdraws what is published, forgets all readings, takes the frame. Its size, cells and side must be
-/// the configuration's (else CANOPY_ARGUMENT, nothing changed).
+/// the configuration's, its axes x, y and z, its quantum a device unit and its pitches multiples of its cells (else
+/// CANOPY_ARGUMENT, nothing changed).
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame);
 
 /// Begins a scene in the smallest frame that holds what the scanner says of it; does nothing where that is the
