@@ -15,11 +15,10 @@
 #define COLUMNS 512  // readings a profile, at most
 #define WORDS 1      // registers a height of the generic scanner
 #define BAUD 115200
-#define WATCHDOG_US 2000000  // hundreds of steps; an emulator's busy host may hold one up
 #define SCANNER_UNIT 1
 #define OUR_UNIT 1
 #define TIMEOUT_US 500000    // of a request to the scanner: longer than any answer takes
-#define WATCHDOG_US 2000000  // a cycle takes 10 ms at most
+#define WATCHDOG_US 2000000  // a cycle takes 10 ms at most; an emulator's busy host may hold one up
 
 static CANOPY_ARENA_DECLARE(arena, CANOPY_SERIAL_ARENA(STATION_GRID_M, STATION_GRID_N, CELLS, LINES, COLUMNS, WORDS));
 static struct canopy_serial serial;
