@@ -107,7 +107,7 @@ $(foreach t,$(TOOL_DIRS),$(eval $(call program,$(HOST)/$(call program_name,$(t))
 $(eval $(call program,$(HOST)/canopyd,$(CANOPYD)))
 
 # What `make bench` runs: the command's own fit against the floor, and the peer that is written in C++
-$(eval $(call program,$(HOST)/canopy-bench,$(sort $(wildcard tools/bench/*.c)) tools/canopy/load.c tools/canopy/surface.c))
+$(eval $(call program,$(HOST)/canopy-bench,$(sort $(wildcard tools/bench/*.c))))
 $(HOST)/canopy-bench-alglib: tools/bench/alglib.cpp | setup-bench
 	@mkdir -p $(@D)
 	$(if $(V),,@echo "g++ $<")

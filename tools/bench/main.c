@@ -10,8 +10,8 @@
 
 #include "tools/bench/floor.h"
 #include "tools/bench/series.h"
-#include "tools/canopy/load.h"
-#include "tools/canopy/surface.h"
+#include "tools/common/load.h"
+#include "tools/common/surface.h"
 
 static const char DOC[] =
     "Times `canopy fit` against the floor, one pass over the points that keeps each cell's highest.\v"
@@ -172,16 +172,15 @@ static bool run_way(struct bench *bench, size_t way, struct canopy_surrogate *su
                                              .scalar = WAYS[way].scalar,
                                              .unit = points->unit,
                                              .direction = {0.0, 0.0, 1.0},
-                                             .field = WAYS[way].field,
-                                             .lines = WAYS[way].lines};
+                                             .fitting = {.field = WAYS[way].field, .lines = WAYS[way].lines}};
     struct result *result = &bench->results[way];
     const double start = canopy_series_now();
     if (!canopy_surface_fit(&points->list, &wish, surrogate, &result->report, fault)) {
         return false;
     }
     canopy_series_add(&result->whole, canopy_series_now() - start);
-    canopy_series_add(&result->fit, 1e3 * (result->report.fit_ms - result->report.field_ms));
-    canopy_series_add(&result->field, 1e3 * result->report.field_ms);
+    canopy_series_add(&result->fit, 1e3 * (result->report.fit_ms - result->report.fitting.field_ms));
+    canopy_series_add(&result->field, 1e3 * result->report.fitting.field_ms);
     canopy_series_add(&result->certificate, 1e3 * result->report.certificate_ms);
     return true;
 }
@@ -270,7 +269,7 @@ static json_t *report_way(const struct bench *bench, size_t way) {
         "whole", canopy_series_report(&r->whole, floor, count), "mean_gap_pct", canopy_exact_mean_gap(exact),
         "max_gap_pct", canopy_exact_max_gap(exact), "margin", exact->margin, "wrong", (json_int_t)exact->wrong,
         "outside", (json_int_t)exact->outside, "decided_by_gmp", (json_int_t)exact->decided_by_gmp, "solves",
-        (int)r->report.iterations, "unsettled", (int)r->report.unsettled);
+        (int)r->report.fitting.iterations, "unsettled", (int)r->report.fitting.unsettled);
     if (WAYS[way].field) {
         json_object_set_new(report, "field_certificate", canopy_series_report(&r->field, floor, count));
     }

@@ -8,9 +8,10 @@
 #include <string.h>
 
 #include "tools/canopy/command.h"
-#include "tools/canopy/load.h"
-#include "tools/canopy/surface.h"
+#include "tools/common/load.h"
 #include "tools/common/number.h"
+#include "tools/common/surface.h"
+#include "tools/common/turn.h"
 
 static const char DOC[] =
     "Fits a smooth surface that lies on one side of all points, proves it, and writes it as a surrogate file."
@@ -160,7 +161,7 @@ static bool read_direction(const char *text, double direction[3], struct canopy_
         p = end + (k < 2);
     }
     int32_t axes[3][3];
-    return (ok && canopy_surface_axes(direction, axes)) ||
+    return (ok && canopy_turn_axes(direction, axes)) ||
            canopy_fault_set(fault, "--dir %.40s: give three numbers X,Y,Z that are not all zero", text);
 }
 
@@ -189,7 +190,7 @@ static bool read_wish(const struct arguments *a, struct canopy_surrogate *frame,
     *wish = (struct canopy_surface_wish){.side = (enum canopy_side)a->side,
                                          .scalar = a->scalar > 0 ? CANOPY_FX : CANOPY_F32,
                                          .direction = {0.0, 0.0, 1.0}};
-    return read_grid(a->grid, wish->size, fault) && (!a->field || read_field(a->field, &wish->field, fault)) &&
+    return read_grid(a->grid, wish->size, fault) && (!a->field || read_field(a->field, &wish->fitting.field, fault)) &&
            (!a->unit || read_unit(a->unit, &wish->unit, fault)) &&
            (!a->dir || read_direction(a->dir, wish->direction, fault)) &&
            (!a->frame || read_frame(a, frame, wish, fault));
@@ -198,8 +199,8 @@ static bool read_wish(const struct arguments *a, struct canopy_surrogate *frame,
 static void print_line(const struct arguments *a, const struct canopy_surface_wish *wish,
                        const struct canopy_loaded *loaded, const struct canopy_surface_report *r) {
     char from[32] = "";
-    if (wish->field) {
-        snprintf(from, sizeof from, " from field %u", wish->field);
+    if (wish->fitting.field) {
+        snprintf(from, sizeof from, " from field %u", wish->fitting.field);
     }
     printf(
         "%" PRIu64
@@ -207,8 +208,8 @@ static void print_line(const struct arguments *a, const struct canopy_surface_wi
         "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
         r->result.points, wish->size[0], wish->size[1], wish->side == CANOPY_ABOVE ? "above" : "below", from,
         wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
-        canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->iterations, r->fit_ms, r->certificate_ms,
-        a->output ? ", " : "", a->output ? a->output : "");
+        canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->fitting.iterations, r->fit_ms,
+        r->certificate_ms, a->output ? ", " : "", a->output ? a->output : "");
 }
 
 static bool run(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_fault *fault) {

@@ -22,6 +22,10 @@ bool canopy_fault_set(struct canopy_fault *fault, const char *format, ...) {
     return false;
 }
 
+bool canopy_fault_no_memory(struct canopy_fault *fault) {
+    return canopy_fault_set(fault, "out of memory: choose a smaller --grid or --field, or fewer points");
+}
+
 bool canopy_fault_prefix(struct canopy_fault *fault, const char *format, ...) {
     const struct canopy_fault tail = *fault;
     va_list arguments;

@@ -14,6 +14,9 @@ struct canopy_fault {
 /// Writes the text, cut to what fits, with control characters of foreign input made visible. Always returns false.
 bool canopy_fault_set(struct canopy_fault *fault, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
+/// Says that a fit has no memory, and what needs less. Always returns false.
+bool canopy_fault_no_memory(struct canopy_fault *fault);
+
 /// Puts "prefix: " before the text that is there. Always returns false.
 bool canopy_fault_prefix(struct canopy_fault *fault, const char *format, ...) __attribute__((format(printf, 2, 3)));
 

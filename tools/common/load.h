@@ -1,6 +1,6 @@
 /// All points of a file into memory as the device receives them.
-#ifndef CANOPY_TOOLS_CANOPY_LOAD_H
-#define CANOPY_TOOLS_CANOPY_LOAD_H
+#ifndef CANOPY_TOOLS_COMMON_LOAD_H
+#define CANOPY_TOOLS_COMMON_LOAD_H
 
 #include <stdbool.h>
 

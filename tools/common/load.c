@@ -1,4 +1,4 @@
-#include "tools/canopy/load.h"
+#include "tools/common/load.h"
 
 #include <inttypes.h>
 #include <math.h>

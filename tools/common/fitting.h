@@ -1,0 +1,31 @@
+/// The fit: turned points and a frame to coefficients, with lib/cover as a device uses it. What comes out is not proved
+/// yet; surface.h does that.
+#ifndef CANOPY_TOOLS_COMMON_FITTING_H
+#define CANOPY_TOOLS_COMMON_FITTING_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "lib/cover/frame.h"
+#include "tools/common/fault.h"
+#include "tools/common/turn.h"
+
+/// What to fit from.
+struct canopy_fitting {
+    uint16_t field;  ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
+    uint16_t lines;  ///< with a field: lines a knot interval of u, a divisor of `field`; 0: one
+};
+
+struct canopy_fitting_report {
+    uint32_t iterations;  ///< banded solves
+    uint32_t unsettled;   ///< lines that did not end by themselves
+    double field_ms;      ///< the field's own certificate
+};
+
+/// Fits into coefficients[size[0] * size[1]]: heights in the frame's steps, for either side. Memory: the field, at most
+/// 64 MB unless it is wished larger.
+bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
+                        const struct canopy_fitting *fitting, int32_t *coefficients,
+                        struct canopy_fitting_report *report, struct canopy_fault *fault);
+
+#endif

@@ -1,0 +1,164 @@
+#include "tools/common/framing.h"
+
+#include <math.h>
+
+// ---------------------------------------------------------------------------------------------------------------------
+// One's own
+
+static enum canopy_status frame_around(enum canopy_scalar scalar, const struct canopy_grid *grid,
+                                       const union canopy_device_point *low, const union canopy_device_point *high,
+                                       struct canopy_frame *frame) {
+    return scalar == CANOPY_F32 ? canopy_frame_around_f32(frame, grid, low->f32, high->f32)
+                                : canopy_frame_around_fx(frame, grid, low->fx, high->fx);
+}
+
+/// The box grown sideways by `by` quanta on each side.
+static bool grow(enum canopy_scalar scalar, int quantum_log2, int by, union canopy_device_point *low,
+                 union canopy_device_point *high) {
+    for (int a = 0; a < 2; a++) {
+        if (scalar == CANOPY_F32) {
+            const float width = ldexpf((float)by, quantum_log2);
+            low->f32[a] -= width;
+            high->f32[a] += width;
+            if (!isfinite(low->f32[a]) || !isfinite(high->f32[a])) {
+                return false;
+            }
+        } else {
+            if (low->fx[a] < INT32_MIN + by || high->fx[a] > INT32_MAX - by) {
+                return false;
+            }
+            low->fx[a] -= by;
+            high->fx[a] += by;
+        }
+    }
+    return true;
+}
+
+bool canopy_framing_own(const struct canopy_turned *turned, const struct canopy_grid *grid, int quanta,
+                        struct canopy_frame *frame, struct canopy_fault *fault) {
+    union canopy_device_point low;
+    union canopy_device_point high;
+    canopy_turned_box(turned, &low, &high);
+    enum canopy_status status = frame_around(turned->scalar, grid, &low, &high, frame);
+    if (status == CANOPY_OK && quanta > 0) {
+        status = grow(turned->scalar, frame->quantum_log2, quanta, &low, &high)
+                     ? frame_around(turned->scalar, grid, &low, &high, frame)
+                     : CANOPY_RANGE;
+    }
+    return status == CANOPY_OK ||
+           canopy_fault_set(fault,
+                            "no frame of this --grid and --field holds the points: grids are 4x4 to %dx%d, fields 1 "
+                            "to %d, coordinates below 2^31 units",
+                            CANOPY_SIZE_MAX, CANOPY_SIZE_MAX, CANOPY_CELLS_MAX);
+}
+
+void canopy_framing_publish(const struct canopy_frame *frame, const struct canopy_turned *turned,
+                            struct canopy_surrogate *surrogate) {
+    const double quantum = ldexp(1.0, frame->quantum_log2);
+    for (int k = 0; k < 3; k++) {
+        double quanta = 0.0;
+        for (int i = 0; i < 3; i++) {
+            quanta += (double)turned->axes[i][k] / CANOPY_AXIS_ONE * (double)frame->origin[i];
+        }
+        surrogate->origin[k] = rint(quanta) * quantum;
+    }
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) {
+            surrogate->axes[i][k] = (double)turned->axes[i][k] / CANOPY_AXIS_ONE;
+        }
+    }
+    surrogate->pitch[0] = (double)frame->pitch[0] * quantum;
+    surrogate->pitch[1] = (double)frame->pitch[1] * quantum;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// A file's
+
+/// The largest power of two that divides a double (a large one for zero).
+static int divisor_log2(double x) {
+    int exponent = 0;
+    double mantissa = frexp(fabs(x), &exponent);
+    if (x == 0.0) {
+        return 1024;
+    }
+    while (mantissa != floor(mantissa)) {
+        mantissa *= 2.0;
+        exponent--;
+    }
+    while (fmod(mantissa, 2.0) == 0.0) {
+        mantissa /= 2.0;
+        exponent++;
+    }
+    return exponent;
+}
+
+static int smaller(int a, int b) { return a < b ? a : b; }
+
+/// The origin in the coordinates of the surrogate's axes.
+static void turned_origin(const struct canopy_surrogate *s, double origin[3]) {
+    for (int i = 0; i < 3; i++) {
+        origin[i] = 0.0;
+        for (int k = 0; k < 3; k++) {
+            origin[i] += s->axes[i][k] * s->origin[k];
+        }
+    }
+}
+
+/// The quantum: what divides the pitch of a cell and the origin. Turned axes turn the origin into something without a
+/// divisor; then a quantum of the pitch is near enough. In fixed point 1.
+static int quantum_log2(const struct canopy_surrogate *like, const struct canopy_turned *turned, uint16_t cells,
+                        const double origin[3], const double reach[2]) {
+    if (turned->scalar != CANOPY_F32) {
+        return 0;
+    }
+    int log2 = smaller(divisor_log2(like->pitch[0] / cells), divisor_log2(like->pitch[1] / cells));
+    log2 = turned->along ? smaller(log2, smaller(divisor_log2(origin[0]), divisor_log2(origin[1]))) : log2;
+    while (log2 < 1024 && fmax(ldexp(reach[0], -log2), ldexp(reach[1], -log2)) >= 0x1p30) {
+        log2++;
+    }
+    return log2;
+}
+
+/// Where heights begin, and the step that the points' heights ask for.
+static void set_heights(const struct canopy_turned *turned, double origin, struct canopy_frame *frame) {
+    const int log2 = frame->quantum_log2;
+    const double base = ldexp(origin, -log2);
+    frame->origin[2] = fabs(base) < 0x1p30 ? (int32_t)floor(base) : 0;
+    const double zero = ldexp((double)frame->origin[2], log2);
+    union canopy_device_point from;
+    union canopy_device_point to;
+    canopy_turned_box(turned, &from, &to);
+    const bool f32 = turned->scalar == CANOPY_F32;
+    const double low = f32 ? (double)from.f32[2] : (double)from.fx[2];
+    const double high = f32 ? (double)to.f32[2] : (double)to.fx[2];
+    int highest = -100;  // as lib/cover/frame_f32.c has it
+    frexp(fmax(fabs(high - zero), fabs(low - zero)), &highest);
+    frame->lsb_log2 = (int16_t)((highest > -100 ? highest : -100) - CANOPY_RANGE_LOG2 - log2);
+}
+
+bool canopy_framing_like(const struct canopy_surrogate *like, const struct canopy_turned *turned,
+                         const struct canopy_grid *grid, struct canopy_frame *frame, struct canopy_fault *fault) {
+    double origin[3];
+    turned_origin(like, origin);
+    const double reach[2] = {fabs(origin[0]) + ((double)like->size[0] - 1.0) * like->pitch[0],
+                             fabs(origin[1]) + ((double)like->size[1] - 1.0) * like->pitch[1]};
+    const int log2 = quantum_log2(like, turned, grid->cells, origin, reach);
+    *frame = (struct canopy_frame){.size = {grid->size[0], grid->size[1]},
+                                   .cells = grid->cells,
+                                   .side = grid->side,
+                                   .quantum_log2 = (int16_t)log2};
+    for (int a = 0; a < 2; a++) {
+        const double pitch = ldexp(like->pitch[a], -log2);
+        if (!(pitch >= 1.0 && pitch == floor(pitch) && ldexp(reach[a], -log2) < 0x1p31)) {
+            return canopy_fault_set(fault, "the pitch of --frame is not on a quantum of 32-bit integers: give a file "
+                                           "that canopy fit wrote");
+        }
+        frame->pitch[a] = (uint32_t)pitch;
+        frame->origin[a] = (int32_t)rint(ldexp(origin[a], -log2));
+    }
+    set_heights(turned, origin[2], frame);
+    for (int i = 0; i < 3; i++) {
+        frame->axis[i][i] = CANOPY_AXIS_ONE;
+    }
+    return true;
+}

@@ -1,0 +1,26 @@
+/// The frame of a fit in turned coordinates, and the same frame as it is published.
+#ifndef CANOPY_TOOLS_COMMON_FRAMING_H
+#define CANOPY_TOOLS_COMMON_FRAMING_H
+
+#include <stdbool.h>
+
+#include "lib/cover/frame.h"
+#include "tools/common/fault.h"
+#include "tools/common/surrogate.h"
+#include "tools/common/turn.h"
+
+/// The smallest frame that holds the turned points' box grown sideways by `quanta` on each side: turned points are
+/// rounded, so that a point may be outside a frame that holds what it was rounded to.
+bool canopy_framing_own(const struct canopy_turned *turned, const struct canopy_grid *grid, int quanta,
+                        struct canopy_frame *frame, struct canopy_fault *fault);
+
+/// The frame of a surrogate whose axes the points have been turned to: its pitch exactly, its origin to a quantum. Only
+/// the heights come from the points.
+bool canopy_framing_like(const struct canopy_surrogate *like, const struct canopy_turned *turned,
+                         const struct canopy_grid *grid, struct canopy_frame *frame, struct canopy_fault *fault);
+
+/// The published frame of one's own: origin turned back and put on the quantum, axes, pitch.
+void canopy_framing_publish(const struct canopy_frame *frame, const struct canopy_turned *turned,
+                            struct canopy_surrogate *surrogate);
+
+#endif

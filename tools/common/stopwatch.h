@@ -1,0 +1,14 @@
+/// Processor time of the calling thread, whatever else the machine does.
+#ifndef CANOPY_TOOLS_COMMON_STOPWATCH_H
+#define CANOPY_TOOLS_COMMON_STOPWATCH_H
+
+#include <time.h>
+
+/// Milliseconds since some beginning.
+static inline double canopy_stopwatch_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+#endif

@@ -1,0 +1,42 @@
+/// A safe surface over device points in memory: turned, framed, fitted, and proved.
+#ifndef CANOPY_TOOLS_COMMON_SURFACE_H
+#define CANOPY_TOOLS_COMMON_SURFACE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "lib/cover/frame.h"
+#include "tools/common/device.h"
+#include "tools/common/exact.h"
+#include "tools/common/fault.h"
+#include "tools/common/fitting.h"
+#include "tools/common/surrogate.h"
+
+/// How to fit.
+struct canopy_surface_wish {
+    uint16_t size[2];
+    enum canopy_side side;
+    enum canopy_scalar scalar;  ///< that of the points
+    double unit;                ///< input units a device unit
+    double direction[3];        ///< from the scene to the viewer, any length but 0
+    struct canopy_fitting fitting;
+    const struct canopy_surrogate *frame;  ///< whose frame to use, of the same size; NULL: the smallest
+};
+
+/// What came out. Milliseconds are processor time of the calling thread.
+struct canopy_surface_report {
+    struct canopy_exact_result result;  ///< of the coefficients in the surrogate, over all points
+    struct canopy_fitting_report fitting;
+    double fit_ms;          ///< points in memory to coefficients, the field's certificate included
+    double certificate_ms;  ///< the last exact pass
+};
+
+/// Fits, certifies with exact.c, shifts the surface by what is missing (or more than needed) and certifies again. A
+/// surface that is not safe in exact arithmetic is never returned. `surrogate` needs canopy_surrogate_free after
+/// success. Memory: 12 bytes a point beside the list, for axes that are not along the coordinates; the field, at most
+/// 64 MB.
+bool canopy_surface_fit(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
+                        struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
+                        struct canopy_fault *fault);
+
+#endif

@@ -1,0 +1,136 @@
+#include "tools/common/turn.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "lib/cover/frame.h"
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Axes
+
+static bool normalise(double v[3]) {
+    const double most = fmax(fabs(v[0]), fmax(fabs(v[1]), fabs(v[2])));
+    if (!(most > 0.0 && isfinite(most))) {
+        return false;
+    }
+    for (int k = 0; k < 3; k++) {
+        v[k] /= most;  // so that squares neither overflow nor vanish
+    }
+    const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (int k = 0; k < 3; k++) {
+        v[k] /= length;
+    }
+    return true;
+}
+
+bool canopy_turn_axes(const double direction[3], int32_t axes[3][3]) {
+    double a[3][3] = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {direction[0], direction[1], direction[2]}};
+    if (!normalise(a[2])) {
+        return false;
+    }
+    const int start = fabs(a[2][0]) > 0.9 ? 1 : 0;
+    for (int k = 0; k < 3; k++) {
+        a[0][k] = (k == start ? 1.0 : 0.0) - a[2][start] * a[2][k];
+    }
+    normalise(a[0]);
+    for (int k = 0; k < 3; k++) {
+        const int p = (k + 1) % 3;
+        const int q = (k + 2) % 3;
+        a[1][k] = a[2][p] * a[0][q] - a[2][q] * a[0][p];
+    }
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) {
+            axes[i][k] = (int32_t)lrint(a[i][k] * CANOPY_AXIS_ONE);
+        }
+    }
+    return true;
+}
+
+static bool are_along(int32_t axes[3][3]) {
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) {
+            if (axes[i][k] != 0 && abs(axes[i][k]) != CANOPY_AXIS_ONE) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+static bool are_identity(int32_t axes[3][3]) {
+    return axes[0][0] == CANOPY_AXIS_ONE && axes[1][1] == CANOPY_AXIS_ONE && axes[2][2] == CANOPY_AXIS_ONE;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Points
+
+static bool turn_point(const struct canopy_turned *turned, const union canopy_device_point *p,
+                       union canopy_device_point *to, struct canopy_fault *fault) {
+    const bool f32 = turned->scalar == CANOPY_F32;
+    for (int i = 0; i < 3; i++) {
+        double sum = 0.0;
+        for (int k = 0; k < 3; k++) {
+            sum += (double)turned->axes[i][k] / CANOPY_AXIS_ONE * (f32 ? (double)p->f32[k] : (double)p->fx[k]);
+        }
+        if (f32) {
+            to->f32[i] = (float)sum;
+        } else if (fabs(rint(sum)) < 0x1p31) {
+            to->fx[i] = (int32_t)rint(sum);
+        } else {
+            return canopy_fault_set(fault,
+                                    "coordinates turned to --dir overflow 32-bit fixed point: choose a larger --unit");
+        }
+    }
+    return true;
+}
+
+bool canopy_turn(const struct canopy_device_list *points, int32_t axes[3][3], struct canopy_turned *turned,
+                 struct canopy_fault *fault) {
+    *turned = (struct canopy_turned){
+        .along = are_along(axes), .scalar = points->scalar, .count = points->count, .points = points->points};
+    memcpy(turned->axes, axes, sizeof turned->axes);
+    if (are_identity(axes)) {
+        return true;
+    }
+    turned->memory = malloc(points->count * sizeof *turned->memory);
+    if (!turned->memory) {
+        return canopy_fault_no_memory(fault);
+    }
+    for (size_t i = 0; i < points->count; i++) {
+        if (!turn_point(turned, &points->points[i], &turned->memory[i], fault)) {
+            return false;
+        }
+    }
+    turned->points = turned->memory;
+    return true;
+}
+
+void canopy_turned_free(struct canopy_turned *turned) {
+    free(turned->memory);
+    turned->memory = NULL;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Their box
+
+// Four points a turn, coordinate lane % 3 in each lane: what compilers make vectors of.
+#define LANES 12
+
+#define BOX(name) name##_f32
+#define box_t float
+#include "tools/common/box.inc"
+#undef BOX
+#undef box_t
+#define BOX(name) name##_fx
+#define box_t int32_t
+#include "tools/common/box.inc"
+
+void canopy_turned_box(const struct canopy_turned *turned, union canopy_device_point *low,
+                       union canopy_device_point *high) {
+    if (turned->scalar == CANOPY_F32) {
+        box_f32(turned->points[0].f32, turned->count, low->f32, high->f32);
+    } else {
+        box_fx(turned->points[0].fx, turned->count, low->fx, high->fx);
+    }
+}
