@@ -28,7 +28,7 @@
 
 __extension__ typedef __int128 wide;
 
-enum { GRID_MAX = 8, CELLS_MAX = 4, READINGS_MAX = 4000, KEPT_MAX = 4096, CLIENTS = 3 };
+enum { WILD_MOST = 2147480000, GRID_MAX = 8, CELLS_MAX = 4, READINGS_MAX = 4000, KEPT_MAX = 4096, CLIENTS = 3 };
 
 // ---------------------------------------------------------------------------------------------------------------------
 // The model
@@ -414,11 +414,16 @@ static void feed(struct world *w, struct life *life) {
     int32_t point[3];
     make_point(w, life, point);
     uint32_t uncertainty = chance(w, 0.2) ? below(w, 30) : 0;
+    if (point[2] < -WILD_MOST) {
+        point[2] = -WILD_MOST;  // it fell from the bottom
+    }
     if (chance(w, life->stray)) {
         point[below(w, 2)] += chance(w, 0.5) ? 2000000 : -2000000;
     }
     if (chance(w, life->wild)) {  // far beyond the box, on either side: most of it still fits, some does not
-        point[2] += (chance(w, 0.5) ? 1 : -1) * between(w, 1, chance(w, 0.5) ? 2000 : 1900000000);
+        const int64_t z =
+            (int64_t)point[2] + (chance(w, 0.5) ? 1 : -1) * between(w, 1, chance(w, 0.5) ? 2000 : 1900000000);
+        point[2] = z > WILD_MOST ? WILD_MOST : z < -WILD_MOST ? -WILD_MOST : (int32_t)z;
         uncertainty = 0;
     }
     memcpy(life->last, point, sizeof life->last);
