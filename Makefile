@@ -248,12 +248,12 @@ lint-cppcheck: $(GENERATED) | setup-lint
 COVERAGE := $(BUILD)/coverage
 $(eval $(call variant,$(COVERAGE),gcc,--coverage,$(WARN_SANITIZED),run_cmocka,-lcmocka))
 .PHONY: coverage
-coverage: $(addprefix $(COVERAGE)/,$(UNIT_NAMES) $(HOSTTEST_NAMES)) | setup-coverage  ## what the C tests reach: build/coverage/index.html
+coverage: $(addprefix $(COVERAGE)/,$(UNIT_NAMES) $(HOSTTEST_NAMES)) | setup-coverage  ## what the C tests reach of lib/ and port/linux: build/coverage/index.html
 	@find $(COVERAGE) -name '*.gcda' -delete
 	@set -e; for program in $^; do $$program >$$program.log 2>&1 || { cat $$program.log; exit 1; }; done
-	@gcovr --root . --object-directory $(COVERAGE) --filter lib/ --filter tools/common/ --filter port/linux/ --branches \
+	@gcovr --root . --object-directory $(COVERAGE) --filter lib/ --filter port/linux/ --branches \
 	    --html-details $(COVERAGE)/index.html --print-summary --txt $(COVERAGE)/branches.txt >$(COVERAGE)/summary.txt
-	@gcovr --root . --object-directory $(COVERAGE) --filter lib/ --filter tools/common/ --filter port/linux/
+	@gcovr --root . --object-directory $(COVERAGE) --filter lib/ --filter port/linux/
 	@tail -n 3 $(COVERAGE)/summary.txt; echo "$(COVERAGE)/index.html"
 
 FUZZ := $(BUILD)/fuzz
