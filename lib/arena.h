@@ -13,7 +13,7 @@
 #define CANOPY_ARENA_ROUND(bytes) (((size_t)(bytes) + 7U) / 8U * 8U)
 
 /// Declares static memory that fits an arena macro.
-#define CANOPY_ARENA_DECLARE(name, bytes) uint64_t name[((bytes) + 7U) / 8U]
+#define CANOPY_ARENA_DECLARE(name, bytes) _Alignas(8) uint64_t name[((bytes) + 7U) / 8U]
 
 struct canopy_arena {
     unsigned char *next;

@@ -548,6 +548,30 @@ UNIT(certificate_refuses_an_approximate_field) {
     CHECK_EQ(canopy_certify_init(&certify, &field, certify_arena, sizeof certify_arena), CANOPY_ARGUMENT);
 }
 
+UNIT(certificate_refuses_what_its_numbers_cannot_hold) {
+    const struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 100);
+    struct canopy_field field = field_in(&frame);
+    static const int32_t point[1][3] = {{500, 500, 50}};
+    CHECK_EQ(canopy_field_feed_fx(&field, point, 1), 0);
+    struct canopy_certify certify;
+    CHECK_EQ(canopy_certify_init(&certify, &field, certify_arena, sizeof certify_arena), CANOPY_OK);
+    int32_t b[M * N];
+    for (int i = 0; i < M * N; i++) {
+        b[i] = CANOPY_COEFFICIENT_LIMIT;
+    }
+    canopy_certify_begin(&certify, b);
+    CHECK_EQ(canopy_certify_step(&certify, UINT32_MAX), CANOPY_OK);
+    for (int i = 0; i < M * N; i += M * N - 1) {
+        for (int sign = -1; sign <= 1; sign += 2) {
+            b[i] = sign * (CANOPY_COEFFICIENT_LIMIT + 1);
+            canopy_certify_begin(&certify, b);
+            CHECK_EQ(canopy_certify_step(&certify, UINT32_MAX), CANOPY_RANGE);
+            CHECK_EQ(canopy_certify_cell(&certify, 0), CANOPY_RANGE);
+            b[i] = CANOPY_COEFFICIENT_LIMIT;
+        }
+    }
+}
+
 UNIT(surface_says_what_is_wrong_with_its_arguments) {
     const struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 100);
     struct canopy_field field = field_in(&frame);
@@ -616,5 +640,5 @@ UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_takes_the_whole
           line_without_data_says_so, line_is_safe_wherever_it_is_stopped, lift_looks_at_vertices_and_clears_every_node,
           surface_is_certified_in_both_scalars, certificate_notices_what_is_too_low,
           raising_mends_any_surface_in_one_pass, certificate_refuses_an_approximate_field,
-          surface_says_what_is_wrong_with_its_arguments, what_nothing_covered_sees_is_its_nearest,
-          raise_keeps_within_the_format, envelope_bounds_its_height)
+          certificate_refuses_what_its_numbers_cannot_hold, surface_says_what_is_wrong_with_its_arguments,
+          what_nothing_covered_sees_is_its_nearest, raise_keeps_within_the_format, envelope_bounds_its_height)

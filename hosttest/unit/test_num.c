@@ -11,8 +11,6 @@ UNIT(shifts_round_their_way) {
             const int64_t down = canopy_shift_floor(a, shift), up = canopy_shift_ceil(a, shift);
             CHECK(down * one <= a && a < (down + 1) * one);
             CHECK(up * one >= a && a > (up - 1) * one);
-            const int64_t near = canopy_shift_nearest(a, shift);
-            CHECK(2 * (near * one - a) <= one && 2 * (near * one - a) > -one);
         }
     }
     CHECK_EQ(canopy_shift_floor(INT64_MIN, 62), -2);
@@ -22,8 +20,7 @@ UNIT(shifts_round_their_way) {
 UNIT(divisions_round_their_way) {
     for (int64_t a = -300; a <= 300; a++) {
         for (int64_t b = 1; b < 20; b++) {
-            const int64_t down = canopy_div_floor(a, b), up = canopy_div_ceil(a, b);
-            CHECK(down * b <= a && a < (down + 1) * b);
+            const int64_t up = canopy_div_ceil(a, b);
             CHECK(up * b >= a && a > (up - 1) * b);
         }
     }

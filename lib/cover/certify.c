@@ -95,8 +95,18 @@ static void bound_row(struct canopy_certify *certify, uint32_t k, int32_t *to) {
     }
 }
 
+static bool are_within_limit(const struct canopy_frame *frame, const int32_t *b) {
+    const uint32_t count = (uint32_t)frame->size[0] * frame->size[1];
+    for (uint32_t i = 0; i < count; i++) {
+        if (b[i] > CANOPY_COEFFICIENT_LIMIT || b[i] < -CANOPY_COEFFICIENT_LIMIT) {
+            return false;
+        }
+    }
+    return true;
+}
+
 void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coefficients) {
-    certify->b = coefficients;
+    certify->b = are_within_limit(&certify->field->frame, coefficients) ? coefficients : NULL;
     certify->row = 0;
     certify->margin = INT32_MAX;
 }
@@ -133,6 +143,9 @@ static bool certify_row(struct canopy_certify *certify, uint32_t row) {
 enum canopy_status canopy_certify_step(struct canopy_certify *certify, uint32_t rows) {
     const uint32_t all = certify->field->axis[0].count;
     bool have_low = false;
+    if (certify->b == NULL) {
+        return CANOPY_RANGE;
+    }
     for (; rows > 0 && certify->row < all; rows--) {
         if (!have_low) {
             bound_row(certify, certify->row, certify->low);
@@ -156,6 +169,9 @@ enum canopy_status canopy_certify_cell(struct canopy_certify *certify, uint32_t 
     const uint32_t row = cell / cells, column = cell % cells, h = column / q;
     const uint32_t first = h > 0 ? h - 1 : 0, last = h + 2 < n ? h + 2 : n - 1;
     int32_t lowest = INT32_MAX;
+    if (certify->b == NULL) {
+        return CANOPY_RANGE;
+    }
     for (uint32_t k = row; k <= row + 1; k++) {
         bound_columns(certify, k, first, last);
         const struct interval i = interval_at(certify->column, n, 1, h);

@@ -27,7 +27,7 @@
 
 struct canopy_certify {
     const struct canopy_field *field;
-    const int32_t *b;      // the coefficients in canonical orientation (above), size[0] x size[1]
+    const int32_t *b;      // the coefficients in canonical orientation (above), size[0] x size[1]; NULL: out of range
     int32_t *column;       // L of one node row
     int32_t *low, *high;   // M of the node rows below and above the present row of cells
     int32_t *weights[2];   // Q30 tables of u and v: s, (1-s)^3/6 and s^3/6 rounded up
@@ -41,7 +41,8 @@ struct canopy_certify {
 enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
                                        size_t bytes);
 
-/// Begins with coefficients in the library's orientation: above, mirrored for the side below.
+/// Begins with coefficients in the library's orientation: above, mirrored for the side below. They must stand within
+/// +- CANOPY_COEFFICIENT_LIMIT, where nothing below overflows: else every step and cell says CANOPY_RANGE.
 void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coefficients);
 
 /// Looks at up to `rows` rows of cells. CANOPY_MORE: not finished; CANOPY_OK: every covered cell is safe, by

@@ -64,7 +64,6 @@ enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coeffici
     fast->begun = false;
     fast->solves = 0;
     fast->unsettled = 0;
-    fast->most_solves = 0;
     memset(fast->held, 0, ((size_t)line_count(fast) * field->frame.size[1] + 7) / 8);
     line_fits[fast->scalar].shape(&fast->line, field->frame.size[1], field->axis[1].cells);
     return CANOPY_OK;
@@ -243,7 +242,6 @@ static void finish_one(struct canopy_fast *fast) {
     }
     fast->solves += fast->line.solves;
     fast->unsettled += !fast->line.settled;
-    fast->most_solves = CANOPY_MAX(fast->most_solves, fast->line.solves);
 }
 
 static void next_one(struct canopy_fast *fast) {

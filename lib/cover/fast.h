@@ -55,7 +55,6 @@ struct canopy_fast {
     int32_t floor, ceiling;  // coefficients beyond these have exploded: one range beyond the field's
     uint32_t solves;         ///< banded solves of this fit so far
     uint32_t unsettled;      ///< lines and columns that did not end by themselves and were lifted
-    uint16_t most_solves;    ///< most solves of one line
 };
 
 /// `lines` must divide the field's cells along u. The scalar picks the arithmetic of the solves, nothing else.

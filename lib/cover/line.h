@@ -99,8 +99,8 @@ void canopy_line_finish_fx(struct canopy_line *line, int32_t *coefficients);
 uint16_t canopy_line_hull(const int32_t *nodes, uint16_t n, uint16_t q, uint16_t *vertices);
 
 /// The safe finish, exact: raises coefficients until the bound l is at least the height of every listed node.
-/// Where a node of the knot interval h lacks d, b[h-1] … b[h+2] (those that l depends on there) rise by d, which raises
-/// l by d on the whole interval; l falls nowhere when a coefficient rises, so one pass clears all. Returns the largest d.
+/// Where a node of the knot interval h lacks d, those of b[h-1] … b[h+2] that l depends on there (three at a knot) rise by
+/// d, and so does l; l falls nowhere when a coefficient rises, so one pass clears all. Returns the largest d.
 int32_t canopy_line_lift(int32_t *b, uint16_t n, uint16_t q, const int32_t *nodes, const uint16_t *vertices,
                          uint16_t count);
 

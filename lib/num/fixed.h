@@ -27,11 +27,6 @@ static inline int64_t canopy_shift_ceil(int64_t a, unsigned shift) {
     return (a + (((int64_t)1 << shift) - 1)) >> shift;
 }
 
-/// a / 2^shift to the nearest whole number, halves upward; shift 1 to 62.
-static inline int64_t canopy_shift_nearest(int64_t a, unsigned shift) {
-    return (a + ((int64_t)1 << (shift - 1))) >> shift;
-}
-
 /// a as 32 bits. Saturates and raises *saturated where it does not fit; never lowers the flag.
 static inline int32_t canopy_narrow(int64_t a, bool *saturated) {
     if (a == (int32_t)a) {
@@ -39,12 +34,6 @@ static inline int32_t canopy_narrow(int64_t a, bool *saturated) {
     }
     *saturated = true;
     return a < 0 ? INT32_MIN : INT32_MAX;
-}
-
-/// floor(a / b) for b > 0.
-static inline int64_t canopy_div_floor(int64_t a, int64_t b) {
-    const int64_t quotient = a / b;
-    return quotient - (a % b < 0 ? 1 : 0);
 }
 
 /// ceil(a / b) for b > 0.

@@ -418,7 +418,8 @@ static void certify(struct canopy_station *station) {
     switch (canopy_certify_step(&station->certify, 1)) {
     case CANOPY_OK: station->stage = CANOPY_STATION_SETTLING; break;
     case CANOPY_NOT_SAFE: mend(station); break;
-    default: break;
+    case CANOPY_MORE: break;
+    default: fail(station); break;
     }
 }
 
