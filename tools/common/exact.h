@@ -31,12 +31,14 @@ struct canopy_exact_result {
     uint64_t first_wrong;  ///< index of the first such point, counted over all calls; UINT64_MAX if none
     uint64_t first_outside;
     uint64_t decided_by_gmp;  ///< how many the double evaluation left open
-    double margin;            ///< lower bound of the smallest margin, within 1e-12 of the heights; +inf without a point
+    double margin;            ///< lower bound of the smallest margin, see below; +inf without a point
     double gap_sum;           ///< sum of margins, to double accuracy
     double gap_max;           ///< -inf without a point
     double height_min;        ///< smallest and largest height of the points inside; +inf, -inf without a point
     double height_max;
 };
+// The bound is within 1e-12 of the largest height or coefficient; with axes of any direction within that times the
+// frame's diagonal over its shorter pitch.
 
 struct canopy_exact;
 

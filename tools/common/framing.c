@@ -149,12 +149,15 @@ bool canopy_framing_like(const struct canopy_surrogate *like, const struct canop
                                    .quantum_log2 = (int16_t)log2};
     for (int a = 0; a < 2; a++) {
         const double pitch = ldexp(like->pitch[a], -log2);
-        if (!(pitch >= 1.0 && pitch == floor(pitch) && ldexp(reach[a], -log2) < 0x1p31)) {
+        const double corner = rint(ldexp(origin[a], -log2));
+        // The far edge may be beyond 32 bits, as it is where our own frame holds the largest coordinates.
+        if (!(pitch >= 1.0 && pitch == floor(pitch) && pitch <= UINT32_MAX && corner >= INT32_MIN &&
+              corner <= INT32_MAX)) {
             return canopy_fault_set(fault, "the pitch of --frame is not on a quantum of 32-bit integers: give a file "
                                            "that canopy fit wrote");
         }
         frame->pitch[a] = (uint32_t)pitch;
-        frame->origin[a] = (int32_t)rint(ldexp(origin[a], -log2));
+        frame->origin[a] = (int32_t)corner;
     }
     set_heights(turned, origin[2], frame);
     for (int i = 0; i < 3; i++) {

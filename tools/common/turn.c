@@ -58,8 +58,10 @@ static bool are_along(int32_t axes[3][3]) {
     return true;
 }
 
+/// A diagonal of ones is not enough: a direction within 2^-15 of z has one, rounded, and still moves what is far away.
 static bool are_identity(int32_t axes[3][3]) {
-    return axes[0][0] == CANOPY_AXIS_ONE && axes[1][1] == CANOPY_AXIS_ONE && axes[2][2] == CANOPY_AXIS_ONE;
+    return are_along(axes) && axes[0][0] == CANOPY_AXIS_ONE && axes[1][1] == CANOPY_AXIS_ONE &&
+           axes[2][2] == CANOPY_AXIS_ONE;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
