@@ -46,6 +46,13 @@ UNIT(frame_takes_the_whole_range_of_coordinates) {
     CHECK_EQ(f.lsb_log2, 32 - CANOPY_RANGE_LOG2);
 }
 
+UNIT(frame_of_a_flat_scene_has_room_for_heights) {
+    const int32_t low[3] = {0, 0, 70}, high[3] = {1000, 1000, 70};
+    struct canopy_frame f;
+    CHECK_EQ(canopy_frame_around_fx(&f, &grid, low, high), CANOPY_OK);
+    CHECK_EQ((int64_t)CANOPY_HEIGHT_LIMIT >> -f.lsb_log2, 512);
+}
+
 UNIT(frame_refuses_what_is_no_grid_or_box) {
     const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
     struct canopy_frame f = {.cells = 99};
@@ -630,9 +637,10 @@ UNIT(envelope_bounds_its_height) {
              CANOPY_OUT_OF_FRAME);
 }
 
-UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_takes_the_whole_range_of_coordinates,
-          frame_refuses_what_is_no_grid_or_box, frame_in_float_has_exact_edges, frame_in_float_holds_its_corners,
-          field_asks_for_its_arena, field_finds_the_cell_of_every_point, field_finds_cells_over_the_whole_range,
+UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_of_a_flat_scene_has_room_for_heights,
+          frame_takes_the_whole_range_of_coordinates, frame_refuses_what_is_no_grid_or_box,
+          frame_in_float_has_exact_edges, frame_in_float_holds_its_corners, field_asks_for_its_arena,
+          field_finds_the_cell_of_every_point, field_finds_cells_over_the_whole_range,
           field_keeps_the_highest_and_says_so, field_below_keeps_the_lowest, field_refuses_heights_it_cannot_hold,
           field_rounds_heights_up_where_a_step_is_more_than_a_quantum, field_takes_any_step,
           field_in_float_agrees_with_exact_edges, fields_merge_by_maximum, coverage_is_one_bit_a_knot_cell,

@@ -4,6 +4,9 @@
 
 #include "lib/num/fixed.h"
 
+// A flat scene gets room for heights of that many quanta on either side, and steps of 2^-16 quanta.
+#define LEAST_RANGE 256
+
 static bool grid_is_valid(const struct canopy_grid *grid) {
     for (int a = 0; a < 2; a++) {
         if (grid->size[a] < CANOPY_SIZE_MIN || grid->size[a] > CANOPY_SIZE_MAX) {
@@ -38,8 +41,8 @@ enum canopy_status canopy_frame_around_fx(struct canopy_frame *frame, const stru
         frame->pitch[a] = (uint32_t)pitch_over(extent, grid->size[a], grid->cells);
         frame->origin[a] = low[a];
     }
-    const uint64_t range = (uint64_t)((int64_t)high[2] - low[2]);
+    const uint64_t told = (uint64_t)((int64_t)high[2] - low[2]), range = told > LEAST_RANGE ? told : LEAST_RANGE;
     frame->origin[2] = low[2];
-    frame->lsb_log2 = (int16_t)((int)canopy_log2_ceil(range > 0 ? range : 1) - CANOPY_RANGE_LOG2);
+    frame->lsb_log2 = (int16_t)((int)canopy_log2_ceil(range) - CANOPY_RANGE_LOG2);
     return CANOPY_OK;
 }

@@ -5,7 +5,8 @@
 /// edges are whole quanta: an edge compares with a device coordinate exactly, and a point's cell is never in doubt.
 ///
 /// Heights are whole *steps* of 2^lsb_log2 quanta, measured from origin[2] along axis 2. The data's own range takes
-/// 2^23 to 2^24 steps, so a step is finer than a float of the range's size can tell.
+/// 2^23 to 2^24 steps, so a step is finer than a float of the range's size can tell. Heights up to as far again beyond
+/// the range fit, and in fixed point at least 512 quanta on either side.
 #ifndef CANOPY_COVER_FRAME_H
 #define CANOPY_COVER_FRAME_H
 

@@ -15,6 +15,8 @@
 ///     scene is begun anew. Readings beside the frame are counted as rejected and say nothing.
 ///   - Readings that raise nothing are under the published envelope already: after `refresh_us` it is published again,
 ///     unchanged, with its new `points`.
+///   - A withdrawal by command stands until there is something new to publish: a fit under way, a cell that rises, a
+///     refit that is asked for. Readings that raise nothing do not bring the envelope back.
 ///   - Stale is an age of more than stale_after_us since the last accepted reading. The last envelope stays readable.
 ///
 /// All calls on one station come from one thread. Nothing blocks. Coordinates are fixed point: whole device units.
