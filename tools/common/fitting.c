@@ -68,10 +68,12 @@ static bool solve(const struct canopy_turned *turned, struct canopy_field *field
     if (canopy_fast_begin(fast, coefficients) != CANOPY_OK) {
         return canopy_fault_set(fault, "no point reaches the field: choose another --frame");
     }
-    while (canopy_fast_step(fast, UINT32_MAX) == CANOPY_MORE) {}
+    enum canopy_status status;
+    while ((status = canopy_fast_step(fast, UINT32_MAX)) == CANOPY_MORE) {}
     report->iterations = fast->solves;
     report->unsettled = fast->unsettled;
-    return true;
+    return status == CANOPY_OK ||
+           canopy_fault_set(fault, "a coefficient left the fixed-point format: choose another --grid or --frame");
 }
 
 bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
