@@ -48,7 +48,7 @@ bool canopy_framing_own(const struct canopy_turned *turned, const struct canopy_
     return status == CANOPY_OK ||
            canopy_fault_set(fault,
                             "no frame of this --grid and --field holds the points: grids are 4x4 to %dx%d, fields 1 "
-                            "to %d, coordinates below 2^31 units",
+                            "to %d, coordinates below 2^31 units in fx, 2^126 in f32",
                             CANOPY_SIZE_MAX, CANOPY_SIZE_MAX, CANOPY_CELLS_MAX);
 }
 
