@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "tools/common/number.h"
+#include "tools/common/option.h"
 
 static uint64_t state = 7;
 
@@ -102,7 +103,47 @@ static void what_is_no_number(void **unused) {
     }
 }
 
+static void whole_numbers_are_whole(void **unused) {
+    (void)unused;
+    static const char *const NONE[] = {
+        "", "x", "-1", "+1", " 1", "1 ", "1.0", "1e3", "18446744073709551616", "99999999999999999999999"};
+    uint64_t value = 0;
+    for (size_t i = 0; i < sizeof NONE / sizeof NONE[0]; i++) {
+        assert_false(canopy_number_whole(NONE[i], 0, UINT64_MAX, &value));
+    }
+    assert_true(canopy_number_whole("18446744073709551615", 0, UINT64_MAX, &value) && value == UINT64_MAX);
+    assert_true(canopy_number_whole("0007", 7, 7, &value) && value == 7);
+    assert_false(canopy_number_whole("6", 7, 9, &value));
+    assert_false(canopy_number_whole("10", 7, 9, &value));
+    uint32_t narrow = 0;
+    assert_true(canopy_number_whole32("4294967295", 0, UINT32_MAX, &narrow) && narrow == UINT32_MAX);
+    assert_false(canopy_number_whole32("4294967296", 0, UINT32_MAX, &narrow));
+}
+
+static void positive_numbers_stand_alone(void **unused) {
+    (void)unused;
+    static const char *const NONE[] = {"", "0", "-1", "1 ", "nan", "inf", "1e400", "1x"};
+    double value = 0.0;
+    for (size_t i = 0; i < sizeof NONE / sizeof NONE[0]; i++) {
+        assert_false(canopy_number_positive(NONE[i], &value));
+    }
+    assert_true(canopy_number_positive("2.5e-3", &value) && value == 2.5e-3);
+}
+
+static void grids_are_two_numbers(void **unused) {
+    (void)unused;
+    static const char *const NONE[] = {"", "4", "4x", "x4", "4x4x", "4X4", "4 x 4", "-4x4", "4x-4", "4294967296x4"};
+    uint32_t size[2] = {0, 0};
+    for (size_t i = 0; i < sizeof NONE / sizeof NONE[0]; i++) {
+        assert_false(canopy_option_grid(NONE[i], size));
+    }
+    assert_true(canopy_option_grid("12x4294967295", size) && size[0] == 12 && size[1] == UINT32_MAX);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_strtod), cmocka_unit_test(what_is_no_number)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_strtod), cmocka_unit_test(what_is_no_number),
+                                       cmocka_unit_test(whole_numbers_are_whole),
+                                       cmocka_unit_test(positive_numbers_stand_alone),
+                                       cmocka_unit_test(grids_are_two_numbers)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

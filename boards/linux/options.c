@@ -9,6 +9,8 @@
 #include "lib/cover/frame.h"
 #include "lib/plc/plc.h"
 #include "lib/version.h"
+#include "tools/common/number.h"
+#include "tools/common/option.h"
 
 static const char DOC[] =
     "Covers what a scanner sees by a surface proved to lie on one side of it, and serves that to PLCs by Modbus."
@@ -40,26 +42,18 @@ static const struct argp_option OPTIONS[] = {
 
 // "MxN"
 static bool read_grid(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
-    char first[16];
-    const char *x = strchr(value, 'x');
-    uint32_t m, n;
-    const size_t length = x == NULL ? sizeof first : (size_t)(x - value);
-    if (length >= sizeof first) {
+    uint32_t size[2];
+    if (!canopy_option_grid(value, size)) {
         return canopy_fault_set(fault, "'%s' is not MxN: give one such as 20x20", value);
     }
-    memcpy(first, value, length);
-    first[length] = '\0';
-    if (!canopyd_whole(first, 0, UINT32_MAX - 1, &m) || !canopyd_whole(x + 1, 0, UINT32_MAX - 1, &n)) {
-        return canopy_fault_set(fault, "'%s' is not MxN: give one such as 20x20", value);
-    }
-    if (m < CANOPY_SIZE_MIN || n < CANOPY_SIZE_MIN || m > CANOPY_SIZE_MAX || n > CANOPY_SIZE_MAX ||
-        (uint64_t)m * n > CANOPY_PLC_CAPACITY_MAX) {
+    if (size[0] < CANOPY_SIZE_MIN || size[1] < CANOPY_SIZE_MIN || size[0] > CANOPY_SIZE_MAX ||
+        size[1] > CANOPY_SIZE_MAX || size[0] * size[1] > CANOPY_PLC_CAPACITY_MAX) {
         return canopy_fault_set(fault,
                                 "%s: give M and N from %d to %d, and M times N at most %d, the room in the registers",
                                 value, CANOPY_SIZE_MIN, CANOPY_SIZE_MAX, CANOPY_PLC_CAPACITY_MAX);
     }
-    options->size[0] = (uint16_t)m;
-    options->size[1] = (uint16_t)n;
+    options->size[0] = (uint16_t)size[0];
+    options->size[1] = (uint16_t)size[1];
     options->size_given = true;
     return true;
 }
@@ -71,12 +65,12 @@ static bool read_side(const char *value, struct canopyd_options *options, struct
 }
 
 static bool read_unit(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
-    return (canopyd_positive(value, &options->unit) && options->unit >= 1.2e-38 && options->unit <= 3.4e38) ||
+    return (canopy_number_positive(value, &options->unit) && options->unit >= 1.2e-38 && options->unit <= 3.4e38) ||
            canopy_fault_set(fault, "'%s': give a positive number that fits a 32-bit float, such as 0.001", value);
 }
 
 static bool read_whole(const char *value, uint32_t low, uint32_t high, uint32_t *to, struct canopy_fault *fault) {
-    return canopyd_whole(value, low, high, to) ||
+    return canopy_number_whole32(value, low, high, to) ||
            canopy_fault_set(fault, "'%s': give a whole number from %u to %u", value, low, high);
 }
 

@@ -3,21 +3,7 @@
 #include <string.h>
 
 #include "tools/common/number.h"
-
-bool canopyd_whole(const char *text, uint32_t low, uint32_t high, uint32_t *value) {
-    uint64_t sum = 0;
-    const char *at = text;
-    for (; *at >= '0' && *at <= '9' && sum <= high; at++) {
-        sum = sum * 10 + (uint64_t)(*at - '0');
-    }
-    *value = (uint32_t)sum;
-    return at != text && *at == '\0' && sum >= low && sum <= high;
-}
-
-bool canopyd_positive(const char *text, double *value) {
-    const char *end;
-    return canopy_number_read(text, &end, value) == CANOPY_NUMBER_OK && end != text && *end == '\0' && *value > 0;
-}
+#include "tools/common/wire.h"
 
 static bool keep(char *to, const char *text, struct canopy_fault *fault) {
     if (strlen(text) >= CANOPYD_TEXT_MAX) {
@@ -39,16 +25,6 @@ static const char *value_of(const char *part, const char *name) {
 
 // ---- Lines and hosts
 
-static bool read_format(const char *format, struct canopy_linux_serial_config *serial) {
-    if (format == NULL || strlen(format) != 3 || format[0] != '8' || strchr("NEO", format[1]) == NULL ||
-        (format[2] != '1' && format[2] != '2')) {
-        return false;
-    }
-    serial->parity = format[1];
-    serial->stop_bits = (uint8_t)(format[2] - '0');
-    return true;
-}
-
 // DEVICE,BAUD,8E1,UNIT
 static bool read_line(const char *whole, char **rest, struct canopy_linux_serial_config *serial, uint8_t *unit,
                       struct canopy_fault *fault) {
@@ -58,13 +34,13 @@ static bool read_line(const char *whole, char **rest, struct canopy_linux_serial
     if (serial->device == NULL || serial->device[0] == '\0' || number == NULL) {
         return canopy_fault_set(fault, "%s: give DEVICE,BAUD,8E1,UNIT, such as /dev/ttyUSB0,115200,8E1,1", whole);
     }
-    if (!canopyd_whole(baud, 1, 4000000, &serial->baud) || !canopy_linux_baud_known(serial->baud)) {
+    if (!canopy_number_whole32(baud, 1, 4000000, &serial->baud) || !canopy_linux_baud_known(serial->baud)) {
         return canopy_fault_set(fault, "%s: '%s' is no standard baud rate: give 9600, 19200, 115200, …", whole, baud);
     }
-    if (!read_format(format, serial)) {
+    if (!canopy_wire_format(format, &serial->parity, &serial->stop_bits)) {
         return canopy_fault_set(fault, "%s: '%s' is none of 8N1, 8E1, 8O1, 8N2, 8E2, 8O2", whole, format);
     }
-    if (!canopyd_whole(number, 1, 247, &value)) {
+    if (!canopy_number_whole32(number, 1, 247, &value)) {
         return canopy_fault_set(fault, "%s: unit '%s' is none of 1 to 247", whole, number);
     }
     *unit = (uint8_t)value;
@@ -74,20 +50,16 @@ static bool read_line(const char *whole, char **rest, struct canopy_linux_serial
 // HOST:PORT; an IPv6 address stands in brackets.
 static bool read_host(const char *whole, char *part, uint32_t lowest, const char **host, const char **service,
                       uint32_t *port, struct canopy_fault *fault) {
-    char *colon = part == NULL ? NULL : strrchr(part, ':');
-    if (colon == NULL) {
+    char *digits = NULL;
+    *host = part == NULL ? NULL : canopy_wire_cut(part, &digits);
+    *service = digits;
+    if (*host == NULL) {
         return canopy_fault_set(fault, "%s: give HOST:PORT, such as 192.168.0.10:502", whole);
     }
-    *colon = '\0';
-    *service = colon + 1;
-    if (part[0] == '[' && colon > part && colon[-1] == ']') {
-        colon[-1] = '\0';
-        part++;
-    } else if (strchr(part, ':') != NULL) {
+    if (*host == part && strchr(part, ':') != NULL) {
         return canopy_fault_set(fault, "%s: put an IPv6 address in brackets, such as [::1]:502", whole);
     }
-    *host = part;
-    return canopyd_whole(*service, lowest, 65535, port) ||
+    return canopy_number_whole32(*service, lowest, 65535, port) ||
            canopy_fault_set(fault, "%s: port '%s' is none of %u to 65535", whole, *service, lowest);
 }
 
@@ -101,11 +73,11 @@ static bool sim_option(const char *whole, const char *part, struct canopyd_scann
         return true;
     }
     if ((value = value_of(part, "profiles")) != NULL) {
-        return canopyd_whole(value, 1, 65535, &url->profiles) ||
+        return canopy_number_whole32(value, 1, 65535, &url->profiles) ||
                canopy_fault_set(fault, "%s: profiles '%s' is none of 1 to 65535", whole, value);
     }
     if ((value = value_of(part, "rate")) != NULL) {
-        return (canopyd_positive(value, &url->rate_hz) && url->rate_hz <= 1e6) ||
+        return (canopy_number_positive(value, &url->rate_hz) && url->rate_hz <= 1e6) ||
                canopy_fault_set(fault, "%s: rate '%s' is no number of hertz above 0, up to 1e6", whole, value);
     }
     return canopy_fault_set(fault, "%s: '%s' is none of profiles=N, rate=HZ, loop (a path has no commas here)", whole,
@@ -125,7 +97,7 @@ static bool device_option(const char *whole, const char *part, struct canopyd_sc
         return true;
     }
     if (url->kind == CANOPYD_TCP_SCANNER && (value = value_of(part, "unit")) != NULL) {
-        const bool fits = canopyd_whole(value, 0, 255, &unit);
+        const bool fits = canopy_number_whole32(value, 0, 255, &unit);
         url->unit = (uint8_t)unit;
         return fits || canopy_fault_set(fault, "%s: unit '%s' is none of 0 to 255", whole, value);
     }

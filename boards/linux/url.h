@@ -42,10 +42,4 @@ bool canopyd_scanner_url(const char *text, struct canopyd_scanner_url *url, stru
 /// `tcp:HOST:PORT` or `rtu:DEVICE,BAUD,8E1,UNIT[,rs485]`.
 bool canopyd_modbus_url(const char *text, struct canopyd_modbus_url *url, struct canopy_fault *fault);
 
-/// A whole decimal number from `low` to `high` and nothing else.
-bool canopyd_whole(const char *text, uint32_t low, uint32_t high, uint32_t *value);
-
-/// A finite decimal number above 0 and nothing else.
-bool canopyd_positive(const char *text, double *value);
-
 #endif

@@ -10,6 +10,7 @@
 #include "tools/canopy/command.h"
 #include "tools/common/load.h"
 #include "tools/common/number.h"
+#include "tools/common/option.h"
 #include "tools/common/surface.h"
 #include "tools/common/turn.h"
 
@@ -108,35 +109,21 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     }
 }
 
-/// A whole number without sign, up to 9 digits; -1 if it is none.
-static long whole(const char **text) {
-    long value = 0;
-    int digits = 0;
-    for (; **text >= '0' && **text <= '9'; ++*text) {
-        value = digits++ < 9 ? value * 10 + (**text - '0') : value;
-    }
-    return digits > 0 && digits <= 9 ? value : -1;
-}
-
 static bool read_grid(const char *text, uint16_t size[2], struct canopy_fault *fault) {
-    const char *p = text;
-    const long m = whole(&p);
-    const bool cross = *p == 'x';
-    p += cross;
-    const long n = cross ? whole(&p) : -1;
-    if (*p || m < CANOPY_SIZE_MIN || n < CANOPY_SIZE_MIN || m > CANOPY_SIZE_MAX || n > CANOPY_SIZE_MAX) {
+    uint32_t given[2];
+    if (!canopy_option_grid(text, given) || given[0] < CANOPY_SIZE_MIN || given[1] < CANOPY_SIZE_MIN ||
+        given[0] > CANOPY_SIZE_MAX || given[1] > CANOPY_SIZE_MAX) {
         return canopy_fault_set(fault, "--grid %.40s: give MxN, each from %d to %d", text, CANOPY_SIZE_MIN,
                                 CANOPY_SIZE_MAX);
     }
-    size[0] = (uint16_t)m;
-    size[1] = (uint16_t)n;
+    size[0] = (uint16_t)given[0];
+    size[1] = (uint16_t)given[1];
     return true;
 }
 
 static bool read_field(const char *text, uint16_t *cells, struct canopy_fault *fault) {
-    const char *p = text;
-    const long q = whole(&p);
-    if (*p || q < 1 || q > CANOPY_CELLS_MAX) {
+    uint64_t q = 0;
+    if (!canopy_number_whole(text, 1, CANOPY_CELLS_MAX, &q)) {
         return canopy_fault_set(fault, "--field %.40s: give a whole number of cells a knot interval from 1 to %d", text,
                                 CANOPY_CELLS_MAX);
     }
@@ -145,11 +132,8 @@ static bool read_field(const char *text, uint16_t *cells, struct canopy_fault *f
 }
 
 static bool read_unit(const char *text, double *unit, struct canopy_fault *fault) {
-    const char *end = text;
-    if (canopy_number_read(text, &end, unit) != CANOPY_NUMBER_OK || *end || !(*unit > 0.0)) {
-        return canopy_fault_set(fault, "--unit %.40s: give a positive number of input units a device unit", text);
-    }
-    return true;
+    return canopy_number_positive(text, unit) ||
+           canopy_fault_set(fault, "--unit %.40s: give a positive number of input units a device unit", text);
 }
 
 static bool read_direction(const char *text, double direction[3], struct canopy_fault *fault) {

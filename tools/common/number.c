@@ -2,8 +2,6 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdbool.h>
-#include <stdint.h>
 #include <stdlib.h>
 #include <strings.h>
 
@@ -86,4 +84,33 @@ const char *canopy_number_complaint(enum canopy_number what) {
     case CANOPY_NUMBER_NONE:
     default: return "is not a number";
     }
+}
+
+bool canopy_number_positive(const char *text, double *value) {
+    const char *end;
+    return canopy_number_read(text, &end, value) == CANOPY_NUMBER_OK && *end == '\0' && *value > 0.0;
+}
+
+bool canopy_number_digits(const char *text, const char **end, uint64_t *value) {
+    bool fits = true;
+    uint64_t sum = 0;
+    for (*end = text; is_digit(**end); ++*end) {
+        const uint64_t digit = (uint64_t)(**end - '0');
+        fits = fits && sum <= (UINT64_MAX - digit) / 10;
+        sum = sum * 10 + digit;
+    }
+    *value = sum;
+    return fits && *end != text;
+}
+
+bool canopy_number_whole(const char *text, uint64_t low, uint64_t high, uint64_t *value) {
+    const char *end;
+    return canopy_number_digits(text, &end, value) && *end == '\0' && *value >= low && *value <= high;
+}
+
+bool canopy_number_whole32(const char *text, uint32_t low, uint32_t high, uint32_t *value) {
+    uint64_t wide;
+    const bool whole = canopy_number_whole(text, low, high, &wide);
+    *value = (uint32_t)wide;
+    return whole;
 }

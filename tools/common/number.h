@@ -2,6 +2,9 @@
 #ifndef CANOPY_TOOLS_COMMON_NUMBER_H
 #define CANOPY_TOOLS_COMMON_NUMBER_H
 
+#include <stdbool.h>
+#include <stdint.h>
+
 enum canopy_number {
     CANOPY_NUMBER_OK,
     CANOPY_NUMBER_NONE,        ///< there is no number here
@@ -17,5 +20,15 @@ enum canopy_number canopy_number_read(const char *text, const char **end, double
 
 /// What is wrong, in words that follow "what the reader found": "is not a number" and so on.
 const char *canopy_number_complaint(enum canopy_number what);
+
+/// A finite decimal number above 0 and nothing else.
+bool canopy_number_positive(const char *text, double *value);
+
+/// Decimal digits at `text`, without sign; `*end` is set behind them. False where there are none or they do not fit.
+bool canopy_number_digits(const char *text, const char **end, uint64_t *value);
+
+/// A whole decimal number from `low` to `high` and nothing else.
+bool canopy_number_whole(const char *text, uint64_t low, uint64_t high, uint64_t *value);
+bool canopy_number_whole32(const char *text, uint32_t low, uint32_t high, uint32_t *value);
 
 #endif

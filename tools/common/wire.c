@@ -1,42 +1,47 @@
 #include "tools/common/wire.h"
 
-#include <errno.h>
+#include <inttypes.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-static bool number(const char *text, unsigned long low, unsigned long high, unsigned long *to) {
-    char *end = NULL;
-    errno = 0;
-    *to = strtoul(text, &end, 10);
-    return text[0] >= '0' && text[0] <= '9' && *end == '\0' && errno == 0 && *to >= low && *to <= high;
+#include "tools/common/number.h"
+
+bool canopy_wire_format(const char *text, char *parity, uint8_t *stop_bits) {
+    if (strlen(text) != 3 || text[0] != '8' || strchr("NEO", text[1]) == NULL || strchr("12", text[2]) == NULL)
+        return false;
+    *parity = text[1];
+    *stop_bits = (uint8_t)(text[2] - '0');
+    return true;
+}
+
+char *canopy_wire_cut(char *text, char **port) {
+    char *colon = strrchr(text, ':');
+    if (colon == NULL)
+        return NULL;
+    *colon = '\0';
+    *port = colon + 1;
+    if (text[0] == '[' && colon - text >= 2 && colon[-1] == ']') {
+        colon[-1] = '\0';
+        return text + 1;
+    }
+    return text;
 }
 
 static bool take_baud(const char *text, struct canopy_wire_line *line, struct canopy_fault *fault) {
-    unsigned long value = 0;
-    if (text == NULL)
-        return true;
-    if (!number(text, 1200, 1000000, &value))
-        return canopy_fault_set(fault, "'%s' is no baud rate from 1200 to 1000000", text);
-    line->baud = (uint32_t)value;
-    return true;
+    return text == NULL || canopy_number_whole32(text, 1200, 1000000, &line->baud) ||
+           canopy_fault_set(fault, "'%s' is no baud rate from 1200 to 1000000", text);
 }
 
 static bool take_format(const char *text, struct canopy_wire_line *line, struct canopy_fault *fault) {
-    if (text == NULL)
-        return true;
-    if (strlen(text) != 3 || text[0] != '8' || strchr("NEO", text[1]) == NULL || strchr("12", text[2]) == NULL)
-        return canopy_fault_set(fault, "'%s' is none of 8E1, 8O1, 8N1, 8N2, 8E2, 8O2", text);
-    line->parity = text[1];
-    line->stop_bits = (uint8_t)(text[2] - '0');
-    return true;
+    return text == NULL || canopy_wire_format(text, &line->parity, &line->stop_bits) ||
+           canopy_fault_set(fault, "'%s' is none of 8E1, 8O1, 8N1, 8N2, 8E2, 8O2", text);
 }
 
 static bool take_unit(const char *text, uint8_t *unit, struct canopy_fault *fault) {
-    unsigned long value = 0;
+    uint32_t value = 0;
     if (text == NULL)
         return true;
-    if (!number(text, 1, 247, &value))
+    if (!canopy_number_whole32(text, 1, 247, &value))
         return canopy_fault_set(fault, "'%s' is no unit from 1 to 247", text);
     *unit = (uint8_t)value;
     return true;
@@ -57,23 +62,17 @@ bool canopy_wire_line_parse(const char *text, struct canopy_wire_line *line, str
 
 bool canopy_wire_tcp_parse(const char *text, struct canopy_wire_tcp *address, struct canopy_fault *fault) {
     *address = (struct canopy_wire_tcp){.unit = 1};
-    char copy[160], *rest = copy;
-    unsigned long port = 0;
+    char copy[160], *rest = copy, *digits = NULL;
+    uint32_t port = 0;
     if (snprintf(copy, sizeof copy, "%s", text) >= (int)sizeof copy)
         return canopy_fault_set(fault, "%.40s…: too long for a TCP address", text);
-    char *place = strsep(&rest, ","), *colon = strrchr(place, ':');
-    if (colon == NULL || !number(colon + 1, 0, 65535, &port))
+    const char *host = canopy_wire_cut(strsep(&rest, ","), &digits);
+    if (host == NULL || !canopy_number_whole32(digits, 0, 65535, &port))
         return canopy_fault_set(fault, "'%s' is no TCP address: give HOST:PORT", text);
-    *colon = '\0';
-    size_t length = strlen(place);
-    if (length >= 2 && place[0] == '[' && place[length - 1] == ']') {
-        place++;
-        length -= 2;
-    }
-    if (length >= sizeof address->host)
+    if (strlen(host) >= sizeof address->host)
         return canopy_fault_set(fault, "%.40s…: too long for a host", text);
-    memcpy(address->host, place, length);
-    snprintf(address->port, sizeof address->port, "%lu", port);
+    memcpy(address->host, host, strlen(host) + 1);
+    snprintf(address->port, sizeof address->port, "%" PRIu32, port);
     return take_unit(rest, &address->unit, fault) || canopy_fault_prefix(fault, "%s", text);
 }
 

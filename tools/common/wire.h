@@ -36,6 +36,13 @@ bool canopy_wire_line_parse(const char *text, struct canopy_wire_line *line, str
 bool canopy_wire_tcp_parse(const char *text, struct canopy_wire_tcp *address, struct canopy_fault *fault);
 bool canopy_wire_url_parse(const char *text, struct canopy_wire_url *url, struct canopy_fault *fault);
 
+/// The parts that programs with other rules share: what a line's format says …
+bool canopy_wire_format(const char *text, char *parity, uint8_t *stop_bits);
+
+/// … and HOST:PORT cut in two in place, at its last colon, without the brackets of an IPv6 address (the host then begins
+/// behind `text`). NULL without a colon.
+char *canopy_wire_cut(char *text, char **port);
+
 /// Bits of a character on the line: start, data, parity, stop.
 unsigned canopy_wire_character_bits(const struct canopy_wire_line *line);
 

@@ -1,7 +1,6 @@
 // canopy-plc: what a PLC does with a canopy device, as a program: reads status and envelope through libmodbus.
 
 #include <argp.h>
-#include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <signal.h>
@@ -10,6 +9,7 @@
 #include <string.h>
 
 #include "lib/version.h"
+#include "tools/common/option.h"
 #include "tools/common/surrogate.h"
 #include "tools/plc/device.h"
 #include "tools/plc/report.h"
@@ -62,43 +62,16 @@ static const char manual[] =
     "\vExit status: 0 done, 1 the device did not give it in time, 2 bad input (one line on standard error, no output "
     "file), 64 wrong usage.";
 
-static bool real(const char *name, const char *text, double low, double high, double *to, struct canopy_fault *fault) {
-    char *end = NULL;
-    *to = strtod(text, &end);
-    if (end == text || *end != '\0' || !isfinite(*to) || *to < low || *to > high)
-        return canopy_fault_set(fault, "--%s %s: give a number from %g to %g", name, text, low, high);
-    return true;
-}
-
-static bool whole(const char *name, const char *text, uint64_t low, uint64_t high, uint64_t *to,
-                  struct canopy_fault *fault) {
-    char *end = NULL;
-    errno = 0;
-    *to = strtoull(text, &end, 10);
-    if (text[0] < '0' || text[0] > '9' || *end != '\0' || errno != 0 || *to < low || *to > high)
-        return canopy_fault_set(fault, "--%s %s: give a whole number from %" PRIu64 " to %" PRIu64, name, text, low,
-                                high);
-    return true;
-}
-
-static bool whole32(const char *name, const char *text, uint32_t low, uint32_t high, uint32_t *to,
-                    struct canopy_fault *fault) {
-    uint64_t value = 0;
-    const bool done = whole(name, text, low, high, &value, fault);
-    *to = (uint32_t)value;
-    return done;
-}
-
 static bool take_option(struct arguments *a, int key, const char *text) {
     struct canopy_fault *fault = &a->fault;
     switch (key) {
-    case KEY_UNTIL: return whole("until-points", text, 0, UINT32_MAX, &a->until_points, fault);
-    case KEY_TIMEOUT: return real("timeout", text, 0, 1e6, &a->timeout_s, fault);
-    case KEY_INTERVAL: return real("interval", text, 0, 3600, &a->interval_s, fault);
-    case KEY_COUNT: return whole("count", text, 1, UINT32_MAX, &a->count, fault);
-    case KEY_ANSWER: return whole32("answer-timeout", text, 1, 60000, &a->link.timeout_ms, fault);
-    case KEY_GAP: return whole32("gap", text, 0, 10000, &a->link.gap_ms, fault);
-    case KEY_RETRIES: return whole32("retries", text, 0, 1000, &a->link.retries, fault);
+    case KEY_UNTIL: return canopy_option_whole("until-points", text, 0, UINT32_MAX, &a->until_points, fault);
+    case KEY_TIMEOUT: return canopy_option_real("timeout", text, 0, 1e6, &a->timeout_s, fault);
+    case KEY_INTERVAL: return canopy_option_real("interval", text, 0, 3600, &a->interval_s, fault);
+    case KEY_COUNT: return canopy_option_whole("count", text, 1, UINT32_MAX, &a->count, fault);
+    case KEY_ANSWER: return canopy_option_whole32("answer-timeout", text, 1, 60000, &a->link.timeout_ms, fault);
+    case KEY_GAP: return canopy_option_whole32("gap", text, 0, 10000, &a->link.gap_ms, fault);
+    case KEY_RETRIES: return canopy_option_whole32("retries", text, 0, 1000, &a->link.retries, fault);
     case KEY_JSON: a->json = true; break;
     case KEY_ANY: a->any = true; break;
     case KEY_MAP: a->map = text; break;

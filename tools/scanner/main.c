@@ -3,13 +3,13 @@
 #include <argp.h>
 #include <errno.h>
 #include <inttypes.h>
-#include <math.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "lib/version.h"
+#include "tools/common/option.h"
 #include "tools/common/random.h"
 #include "tools/common/sweep.h"
 #include "tools/scanner/serve.h"
@@ -28,7 +28,6 @@ struct arguments {
 enum key {
     KEY_RTU = 0x100,
     KEY_TCP,
-
     KEY_PACE,
     KEY_PROFILES,
     KEY_COLUMNS,
@@ -60,9 +59,7 @@ static const struct argp_option table[] = {
     {NULL, 0, NULL, 0, "Wires (at least one):", 1},
     {"rtu", KEY_RTU, "LINE", 0,
      "Modbus RTU on PATH[,BAUD[,8E1[,UNIT]]]: opens the device PATH, or makes a pseudo-terminal and links PATH to it "
-     "('pty': only prints its "
-     "name); "
-     "115200, 8E1 and unit 1 unless told",
+     "('pty': only prints its name); 115200, 8E1 and unit 1 unless told",
      1},
     {"tcp", KEY_TCP, "HOST:PORT[,UNIT]", 0,
      "Modbus TCP; port 0 takes a free one and prints it; units 0, 255 and UNIT (1) are answered", 1},
@@ -110,31 +107,11 @@ static const char manual[] =
     "Sweeps POINTS (.xyz, .csv, .ply or - for standard input) like a laser line scanner and serves the profiles on the "
     "generic profile map over real Modbus."
     "\vPrints 'rtu DEVICE' and 'tcp HOST:PORT' as it has them, then 'scene …' and 'ready' on standard output. Serves "
-    "until "
-    "SIGINT or SIGTERM, also after the sweep is over; then says on standard error how many readings it served. Exit "
-    "status: 0 done, 1 the log could not be written, 2 bad input (one line on standard error), 64 wrong usage.";
-
-static bool real(const char *name, const char *text, double low, double high, double *to, struct canopy_fault *fault) {
-    char *end = NULL;
-    *to = strtod(text, &end);
-    if (end == text || *end != '\0' || !isfinite(*to) || *to < low || *to > high)
-        return canopy_fault_set(fault, "--%s %s: give a number from %g to %g", name, text, low, high);
-    return true;
-}
-
-static bool whole(const char *name, const char *text, uint64_t low, uint64_t high, uint64_t *to,
-                  struct canopy_fault *fault) {
-    char *end = NULL;
-    errno = 0;
-    *to = strtoull(text, &end, 10);
-    if (text[0] < '0' || text[0] > '9' || *end != '\0' || errno != 0 || *to < low || *to > high)
-        return canopy_fault_set(fault, "--%s %s: give a whole number from %" PRIu64 " to %" PRIu64, name, text, low,
-                                high);
-    return true;
-}
+    "until SIGINT or SIGTERM, also after the sweep is over; then says on standard error how many readings it served. "
+    "Exit status: 0 done, 1 the log could not be written, 2 bad input (one line on standard error), 64 wrong usage.";
 
 static bool chance(const char *name, const char *text, double *to, struct canopy_fault *fault) {
-    return real(name, text, 0, 1, to, fault);
+    return canopy_option_real(name, text, 0, 1, to, fault);
 }
 
 // START+LENGTH, in seconds.
@@ -167,26 +144,10 @@ static bool delay(struct mischief_options *mischief, char *text, struct canopy_f
     if (colon == NULL)
         return canopy_fault_set(fault, "--delay %s: give P:MS", text);
     *colon = '\0';
-    if (!chance("delay", text, &mischief->delay, fault) || !whole("delay", colon + 1, 0, 60000, &ms, fault))
+    if (!chance("delay", text, &mischief->delay, fault) ||
+        !canopy_option_whole("delay", colon + 1, 0, 60000, &ms, fault))
         return false;
     mischief->delay_us = (uint32_t)ms * 1000u;
-    return true;
-}
-
-static bool whole32(const char *name, const char *text, uint32_t low, uint32_t high, uint32_t *to,
-                    struct canopy_fault *fault) {
-    uint64_t value = 0;
-    if (!whole(name, text, low, high, &value, fault))
-        return false;
-    *to = (uint32_t)value;
-    return true;
-}
-
-static bool whole16(const char *name, const char *text, uint16_t low, uint16_t *to, struct canopy_fault *fault) {
-    uint32_t value = 0;
-    if (!whole32(name, text, low, UINT16_MAX, &value, fault))
-        return false;
-    *to = (uint16_t)value;
     return true;
 }
 
@@ -194,14 +155,15 @@ static bool whole16(const char *name, const char *text, uint16_t low, uint16_t *
 static bool take_sweep(struct arguments *a, int key, char *text, struct canopy_fault *fault) {
     struct canopy_sweep_options *sweep = &a->sweep;
     switch (key) {
-    case KEY_PROFILES: return whole32("profiles", text, 1, CANOPY_SWEEP_PROFILES, &sweep->profiles, fault);
-    case KEY_COLUMNS: return whole32("columns", text, 1, CANOPY_SWEEP_COLUMNS, &sweep->columns, fault);
-    case KEY_UNIT: return real("unit", text, 1e-37, 1e37, &sweep->unit, fault);
-    case KEY_RATE: return real("rate", text, 1e-3, 1e6, &sweep->rate_hz, fault);
-    case KEY_SEED: return whole("seed", text, 0, UINT64_MAX, &sweep->seed, fault);
-    case KEY_SEQUENCE: return whole16("sequence", text, 1, &sweep->sequence, fault);
-    case KEY_UNCERTAINTY: return whole16("uncertainty", text, 0, &sweep->uncertainty, fault);
-    case KEY_NOISE: return real("noise", text, 0, 1e30, &sweep->noise, fault);
+    case KEY_PROFILES:
+        return canopy_option_whole32("profiles", text, 1, CANOPY_SWEEP_PROFILES, &sweep->profiles, fault);
+    case KEY_COLUMNS: return canopy_option_whole32("columns", text, 1, CANOPY_SWEEP_COLUMNS, &sweep->columns, fault);
+    case KEY_UNIT: return canopy_option_real("unit", text, 1e-37, 1e37, &sweep->unit, fault);
+    case KEY_RATE: return canopy_option_real("rate", text, 1e-3, 1e6, &sweep->rate_hz, fault);
+    case KEY_SEED: return canopy_option_whole("seed", text, 0, UINT64_MAX, &sweep->seed, fault);
+    case KEY_SEQUENCE: return canopy_option_whole16("sequence", text, 1, UINT16_MAX, &sweep->sequence, fault);
+    case KEY_UNCERTAINTY: return canopy_option_whole16("uncertainty", text, 0, UINT16_MAX, &sweep->uncertainty, fault);
+    case KEY_NOISE: return canopy_option_real("noise", text, 0, 1e30, &sweep->noise, fault);
     case KEY_DROPOUTS: return chance("dropouts", text, &sweep->dropouts, fault);
     case KEY_TORN: return chance("torn", text, &sweep->torn, fault);
     case KEY_STALE: return chance("stale", text, &sweep->stale, fault);
