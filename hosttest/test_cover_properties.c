@@ -181,7 +181,7 @@ static void stretch(struct scene *s) {
         break;
     case 3:
         for (int a = 0; a < 3; a++) {
-            scale[a] = 4294967040.0;
+            scale[a] = 4294967295.0;
             offset[a] = -2147483648.0;
         }
         break;

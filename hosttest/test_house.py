@@ -201,3 +201,26 @@ def test_rules_see_a_heap():
     rules = load(ROOT / "tools/rules.py")
     assert rules.FORBIDDEN.search(rules.without_comments("x = malloc(4);"))
     assert not rules.FORBIDDEN.search(rules.without_comments("// no malloc(4) here\n\"printf(\""))
+
+
+def test_the_fixed_point_library_is_freestanding(tmp_path):
+    """All but the float path compiles without a hosted C library, and what it then still asks for are the four functions
+    that GCC may call by itself, a comparison of strings, and 64-bit division. What it calls of the float path asks no more."""
+    allowed = {"memcpy", "memmove", "memset", "memcmp", "strcmp", "__aeabi_ldivmod", "__aeabi_uldivmod"}
+    sources = [path for path in sorted((ROOT / "lib").glob("*/*.c")) if not path.stem.endswith("_f32")]
+    assert len(sources) > 20
+    objects = []
+    for path in sources:
+        objects.append(tmp_path / f"{path.parent.name}_{path.stem}.o")
+        subprocess.run(["arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb", "-std=c11", "-ffreestanding", "-Os", "-Wall",
+                        "-Wextra", "-Wdouble-promotion", "-Werror", f"-I{ROOT}", f"-I{BUILD}/gen", "-c", path,
+                        "-o", objects[-1]], check=True)
+        names = subprocess.run(["arm-none-eabi-nm", "-u", objects[-1]], check=True, capture_output=True, text=True).stdout
+        wanted = {row.split()[-1] for row in names.splitlines() if row.strip()}
+        assert not {name for name in wanted if not name.startswith("canopy_")} - allowed, path
+    whole = tmp_path / "whole.o"
+    archive = BUILD / "mps2_an385" / "libcanopy.a"
+    subprocess.run(["arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb", "-nostdlib", "-r", *objects, archive, "-lgcc",
+                    "-o", whole], check=True)
+    names = subprocess.run(["arm-none-eabi-nm", "-u", whole], check=True, capture_output=True, text=True).stdout
+    assert {row.split()[-1] for row in names.splitlines()} <= allowed

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import subprocess
 import time
 from fractions import Fraction
@@ -182,6 +183,22 @@ def test_a_later_higher_reading_is_an_intrusion_until_it_is_covered(big):
     big.wait("points", lambda count: count == len(scanner.points()))
     assert big.registers["status"] & (VALID | INTRUSION) == VALID
     assert min(gaps(big.registers.envelope(), scanner.points())) >= 0
+
+
+def test_it_sleeps_when_there_is_nothing_to_do(big):
+    """Waiting for an interrupt, not spinning: the emulator then takes next to no processor time."""
+    big.scan(hills(10, 20))
+    big.wait("points", lambda count: count == 200)
+    big.scanner.running = False
+    big.scanner.join()
+    time.sleep(1)
+
+    def seconds():
+        words = Path(f"/proc/{big.emulator.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+    before = seconds()
+    time.sleep(2)
+    assert seconds() - before < 0.5
 
 
 def test_a_restart_command_forgets_the_scene(big):

@@ -1,0 +1,82 @@
+"""The numbers the project promises, as limits: a change that breaks one is seen by `make test`, not by the next reader of a
+table. `make bench` measures them at length; flash, RAM and stack are held to their budgets by `make size` and `make stack`."""
+
+# runs alone: it takes times
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bench_firmware
+
+ROOT = Path(__file__).resolve().parent.parent
+BUILD = Path(os.environ.get("CANOPY_BUILD", "build"))
+BUILD = BUILD if BUILD.is_absolute() else ROOT / BUILD
+sys.path.insert(0, str(ROOT / "tools" / "bench"))
+
+import peers  # noqa: E402
+import report  # noqa: E402
+from scenes import all_scenes  # noqa: E402
+
+SCENES = {scene.name: scene for scene in all_scenes()}
+ATTEMPTS = 4  # at times: others may have the machine, and nothing makes a fit faster than it is
+
+
+def measure(scene, scratch):
+    """The two ways from the points, of canopy-bench."""
+    path = scratch / "points.ply"
+    scene.write(path)
+    done = subprocess.run([BUILD / "host" / "canopy-bench", path, "--grid", str(scene.grid), "--points-only", "--seconds", "2"],
+                          check=True, stdout=subprocess.PIPE, text=True)
+    return json.loads(done.stdout)["ways"]
+
+
+@pytest.fixture(scope="module")
+def instructions():
+    return bench_firmware.count(BUILD / "mps2_an385" / "cycles.elf")
+
+
+def of_both_scenes(counts, ending):
+    found = [value for name, value in counts.items() if name.endswith(ending)]
+    assert len(found) == 2
+    return max(found)
+
+
+def test_a_point_costs_a_cortex_m3_at_most_45_instructions(instructions):
+    assert of_both_scenes(instructions, "_feed_x100") <= 4500
+
+
+def test_a_refit_with_its_certificate_costs_a_cortex_m3_at_most_4_million(instructions):
+    assert of_both_scenes(instructions, "_fit_and_certify") <= 4_000_000
+    assert of_both_scenes(instructions, "_refit") <= 4_000_000
+
+
+@pytest.mark.parametrize("name", ["bun000", "terrain"])
+def test_fit_and_certificate_against_the_floor(name, tmp_path):
+    if name not in SCENES:
+        pytest.skip("no scans beside the repository")
+    best = {}
+    for _ in range(ATTEMPTS):
+        for way in measure(SCENES[name], tmp_path):
+            assert way["wrong"] == way["outside"] == 0
+            for part, limit in (("fit", report.FIT_MOST), ("certificate", report.CERTIFICATE_MOST)):
+                key = way["name"], part
+                best[key] = min(best.get(key, 1e9), way[part]["floors"] / limit)
+        if max(best.values()) <= 1:
+            break
+    assert len(best) == 4
+    assert max(best.values()) <= 1, best
+
+
+def test_no_looser_than_the_paper_read_literally(tmp_path):
+    """On the scan that the goal names. Elsewhere the two differ in either direction by what one line's choice gives."""
+    if "bun000" not in SCENES:
+        pytest.skip("no scans beside the repository")
+    literal = peers.literal(SCENES["bun000"], False)["mean_gap_pct"]
+    assert 4.5 < literal < 4.7
+    for way in measure(SCENES["bun000"], tmp_path):
+        assert way["mean_gap_pct"] <= literal
