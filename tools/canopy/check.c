@@ -1,52 +1,21 @@
 // canopy check: the exact verdict.
 
-#include <argp.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 
 #include "tools/canopy/command.h"
+#include "tools/canopy/operands.h"
 #include "tools/canopy/stream.h"
 
 static const char DOC[] =
     "Is every point on the safe side of the surrogate?\v"
     "Points are read as the device receives them: with p an input coordinate and `unit` the surrogate's, f32 takes "
     "(float)(p / unit) and fx takes rint(p / unit). The verdict is exact: what double arithmetic leaves open is "
-    "decided in "
-    "whole numbers of any length.\n\n"
-    "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # "
-    "begins a "
-    "comment), .ply (ASCII or binary), or - for text on standard input.\n\n"
+    "decided in whole numbers of any length.\n\n" CANOPY_OPERANDS_POINTS
     "Prints one line: points, how many are on the wrong side and how many outside the frame, the worst margin and the "
-    "mean "
-    "and largest gap in per cent of the points' height range.\n\n"
+    "mean and largest gap in per cent of the points' height range.\n\n"
     "Exit status: 0 if every point is on the safe side, 1 if not (a point outside the frame is not), 2 for bad input.";
-
-struct arguments {
-    const char *surrogate;
-    const char *points;
-};
-
-static error_t parse(int key, char *text, struct argp_state *state) {
-    struct arguments *a = state->input;
-    switch (key) {
-    case ARGP_KEY_ARG:
-        if (state->arg_num == 0) {
-            a->surrogate = text;
-        } else if (state->arg_num == 1) {
-            a->points = text;
-        } else {
-            argp_error(state, "give one surrogate and one point file");
-        }
-        return 0;
-    case ARGP_KEY_END:
-        if (state->arg_num < 2) {
-            argp_error(state, "give a surrogate and a point file");
-        }
-        return 0;
-    default: return ARGP_ERR_UNKNOWN;
-    }
-}
 
 struct work {
     struct canopy_exact *exact;
@@ -75,20 +44,18 @@ static void print_verdict(const struct canopy_exact_result *r, double unit) {
 }
 
 int canopy_command_check(int argc, char **argv) {
-    struct arguments arguments = {NULL, NULL};
-    const struct argp argp = {.parser = parse, .args_doc = "SURROGATE.json POINTS", .doc = DOC};
-    argp_parse(&argp, argc, argv, 0, NULL, &arguments);
+    const struct canopy_operands operands = canopy_operands_both(argc, argv, DOC);
     struct canopy_fault fault;
     struct canopy_surrogate surrogate;
-    if (!canopy_surrogate_read(arguments.surrogate, &surrogate, &fault)) {
+    if (!canopy_surrogate_read(operands.surrogate, &surrogate, &fault)) {
         return canopy_command_fail(&fault);
     }
     struct work work = {.exact = canopy_exact_open(&surrogate), .result = canopy_exact_begin()};
     bool ok = false;
     if (!work.exact) {
-        canopy_fault_set(&fault, "%s: out of memory: close other programs", arguments.surrogate);
+        canopy_fault_set(&fault, "%s: out of memory: close other programs", operands.surrogate);
     } else {
-        ok = canopy_stream_points(arguments.points, &surrogate, (struct canopy_stream_sink){&work, take}, &fault);
+        ok = canopy_stream_points(operands.points, &surrogate, (struct canopy_stream_sink){&work, take}, &fault);
     }
     if (ok) {
         print_verdict(&work.result, surrogate.unit);

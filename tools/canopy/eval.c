@@ -1,51 +1,21 @@
 // canopy eval: the surface over each point.
 
-#include <argp.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "tools/canopy/command.h"
+#include "tools/canopy/operands.h"
 #include "tools/canopy/stream.h"
 
 static const char DOC[] =
     "The height of the surface over (or under) each point, in input units, one a line.\v"
     "The height is the surface's coordinate along the surrogate's third axis, measured from the zero of the input: "
-    "with axes "
-    "along x, y, z it is the surface's z at the point's x and y. `nan` outside the frame, and in knot cells without "
-    "data "
-    "where the surrogate has a trim. 17 significant digits; the error of double arithmetic is below 1e-12 of the "
-    "largest "
-    "coefficient. Points are rounded as the device receives them first (see `canopy check --help`, also for the "
-    "formats of "
-    "POINTS).\n\n"
+    "with axes along x, y, z it is the surface's z at the point's x and y. `nan` outside the frame, and in knot cells "
+    "without data where the surrogate has a trim. 17 significant digits; the error of double arithmetic is below 1e-12 "
+    "of the largest coefficient. Points are rounded as the device receives them first (see `canopy check --help`, also "
+    "for the formats of POINTS).\n\n"
     "Exit status: 0, or 2 for bad input (nothing is printed after a fault, what was printed before it stands).";
-
-struct arguments {
-    const char *surrogate;
-    const char *points;
-};
-
-static error_t parse(int key, char *text, struct argp_state *state) {
-    struct arguments *a = state->input;
-    switch (key) {
-    case ARGP_KEY_ARG:
-        if (state->arg_num == 0) {
-            a->surrogate = text;
-        } else if (state->arg_num == 1) {
-            a->points = text;
-        } else {
-            argp_error(state, "give one surrogate and one point file");
-        }
-        return 0;
-    case ARGP_KEY_END:
-        if (state->arg_num < 2) {
-            argp_error(state, "give a surrogate and a point file");
-        }
-        return 0;
-    default: return ARGP_ERR_UNKNOWN;
-    }
-}
 
 struct work {
     const struct canopy_surrogate *surrogate;
@@ -80,19 +50,17 @@ static void take(void *context, const struct canopy_cloud *cloud) {
 }
 
 int canopy_command_eval(int argc, char **argv) {
-    struct arguments arguments = {NULL, NULL};
-    const struct argp argp = {.parser = parse, .args_doc = "SURROGATE.json POINTS", .doc = DOC};
-    argp_parse(&argp, argc, argv, 0, NULL, &arguments);
+    const struct canopy_operands operands = canopy_operands_both(argc, argv, DOC);
     struct canopy_fault fault;
     struct canopy_surrogate surrogate;
-    if (!canopy_surrogate_read(arguments.surrogate, &surrogate, &fault)) {
+    if (!canopy_surrogate_read(operands.surrogate, &surrogate, &fault)) {
         return canopy_command_fail(&fault);
     }
     struct work work = {.surrogate = &surrogate, .exact = canopy_exact_open(&surrogate)};
     bool ok = work.exact != NULL;
-    ok = ok && canopy_stream_points(arguments.points, &surrogate, (struct canopy_stream_sink){&work, take}, &fault);
+    ok = ok && canopy_stream_points(operands.points, &surrogate, (struct canopy_stream_sink){&work, take}, &fault);
     if (!work.exact || work.failed) {
-        ok = canopy_fault_set(&fault, "%s: out of memory: close other programs", arguments.surrogate);
+        ok = canopy_fault_set(&fault, "%s: out of memory: close other programs", operands.surrogate);
     }
     canopy_exact_close(work.exact);
     free(work.heights);

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "tools/canopy/command.h"
+#include "tools/canopy/operands.h"
 #include "tools/common/load.h"
 #include "tools/common/number.h"
 #include "tools/common/option.h"
@@ -15,21 +16,14 @@
 #include "tools/common/turn.h"
 
 static const char DOC[] =
-    "Fits a smooth surface that lies on one side of all points, proves it, and writes it as a surrogate file."
-    "\v"
-    "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # "
-    "begins a "
-    "comment), .ply (ASCII or binary), or - for text on standard input.\n\n"
+    "Fits a smooth surface that lies on one side of all points, proves it, and writes it as a surrogate "
+    "file.\v" CANOPY_OPERANDS_POINTS
     "The surface is a uniform bicubic spline with MxN coefficients over the smallest frame that holds every point. "
-    "Safe means: "
-    "in exact arithmetic, at every point as the device receives it (f32: (float)(p / unit); fx: rint(p / unit)). What "
-    "is "
-    "written has been checked so, from the coefficients that are written.\n\n"
+    "Safe means: in exact arithmetic, at every point as the device receives it (f32: (float)(p / unit); fx: "
+    "rint(p / unit)). What is written has been checked so, from the coefficients that are written.\n\n"
     "Prints one line: points, grid, method, unit and the most that rounding to the device's numbers moved a "
-    "coordinate, mean "
-    "and largest gap in per cent of the points' height range, certified margin in input units, iterations, "
-    "milliseconds of the "
-    "fit and of the certificate.\n\n"
+    "coordinate, mean and largest gap in per cent of the points' height range, certified margin in input units, "
+    "iterations, milliseconds of the fit and of the certificate.\n\n"
     "Exit status: 0 done; 2 bad input, with one line that says where and what to do, and no output file; 64 wrong "
     "usage.";
 
@@ -42,15 +36,13 @@ static const struct argp_option OPTIONS[] = {
     {"scalar", SCALAR, "f32|fx", 0, "the device's numbers: 32-bit float (default) or 32-bit fixed point", 0},
     {"unit", UNIT, "U", 0,
      "input units a device unit; default 1 for f32, for fx the power of ten that spreads the largest extent over 10^5 "
-     "to 10^6 "
-     "units",
+     "to 10^6 units",
      0},
     {"dir", DIR, "X,Y,Z", 0, "direction from the scene to the viewer (default 0,0,1); heights are measured along it",
      0},
     {"field", FIELD, "Q", 0,
      "fit from the bounded streaming field with Q x Q cells a knot interval, 1 to 32, as the device does, instead of "
-     "from the "
-     "points",
+     "from the points",
      0},
     {"frame", FRAME, "FILE", 0, "use the frame (and unit) of this surrogate; a point outside it is bad input", 0},
     {"output", 'o', "OUT.json", 0, "write the surrogate here; without it only the line is printed", 0},

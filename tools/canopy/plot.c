@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "tools/canopy/command.h"
+#include "tools/canopy/operands.h"
 #include "tools/common/output.h"
 #include "tools/common/points.h"
 #include "tools/common/surrogate.h"
@@ -19,11 +20,9 @@
 #define SCRIPT "plot_surrogate.py"
 
 static const char DOC[] =
-    "Draws a surrogate, with its points if they are given: the surface in space and one cross-section."
-    "\v"
+    "Draws a surrogate, with its points if they are given: the surface in space and one cross-section.\v"
     "The picture is a PNG. Points are in the formats of `canopy fit --help`. Drawing needs Debian's "
-    "python3-matplotlib; the script "
-    "is looked for beside the program, in ../share/canopy, and as tools/" SCRIPT
+    "python3-matplotlib; the script is looked for beside the program, in ../share/canopy, and as tools/" SCRIPT
     " in the directories above the program.\n\n"
     "Exit status: 0 done, 2 bad input or no matplotlib, and no output file.";
 
@@ -31,8 +30,7 @@ static const struct argp_option OPTIONS[] = {{"output", 'o', "OUT.png", 0, "writ
                                              {0}};
 
 struct arguments {
-    const char *surrogate;
-    const char *points;
+    struct canopy_operands operands;
     const char *output;
 };
 
@@ -41,16 +39,10 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     switch (key) {
     case 'o': a->output = text; return 0;
     case ARGP_KEY_ARG:
-        if (state->arg_num == 0) {
-            a->surrogate = text;
-        } else if (state->arg_num == 1) {
-            a->points = text;
-        } else {
-            argp_error(state, "give one surrogate and at most one point file");
-        }
+        canopy_operands_take(&a->operands, text, state, "give one surrogate and at most one point file");
         return 0;
     case ARGP_KEY_END:
-        if (!a->surrogate || !a->output) {
+        if (!a->operands.surrogate || !a->output) {
             argp_error(state, "give a surrogate and -o OUT.png");
         }
         return 0;
@@ -119,13 +111,15 @@ static bool send_point(void *context, const double point[3], uint64_t where, str
 
 static bool draw(const struct arguments *a, const char *script, const char *to, struct canopy_fault *fault) {
     pid_t child = -1;
-    FILE *pipe_end = start(script, a->surrogate, to, a->points ? a->points : "", a->points != NULL, &child);
+    FILE *pipe_end = start(script, a->operands.surrogate, to, a->operands.points ? a->operands.points : "",
+                           a->operands.points != NULL, &child);
     if (!pipe_end) {
         return canopy_fault_set(fault, "cannot start " PYTHON ": %s: free some memory or processes", strerror(errno));
     }
     struct canopy_points_info info;
     const bool ok =
-        !a->points || canopy_points_read(a->points, (struct canopy_points_sink){pipe_end, send_point}, &info, fault);
+        !a->operands.points ||
+        canopy_points_read(a->operands.points, (struct canopy_points_sink){pipe_end, send_point}, &info, fault);
     if (!ok) {
         kill(child, SIGTERM);
     }
@@ -134,16 +128,16 @@ static bool draw(const struct arguments *a, const char *script, const char *to, 
     while (waitpid(child, &status, 0) < 0 && errno == EINTR) {}
     return ok && ((WIFEXITED(status) && WEXITSTATUS(status) == 0) ||
                   canopy_fault_set(fault, "%s: the picture could not be drawn: is python3-matplotlib installed?",
-                                   a->surrogate));
+                                   a->operands.surrogate));
 }
 
 int canopy_command_plot(int argc, char **argv) {
-    struct arguments arguments = {NULL, NULL, NULL};
+    struct arguments arguments = {{NULL, NULL}, NULL};
     const struct argp argp = {.options = OPTIONS, .parser = parse, .args_doc = "SURROGATE.json [POINTS]", .doc = DOC};
     argp_parse(&argp, argc, argv, 0, NULL, &arguments);
     struct canopy_fault fault;
     struct canopy_surrogate surrogate;
-    if (!canopy_surrogate_read(arguments.surrogate, &surrogate, &fault)) {
+    if (!canopy_surrogate_read(arguments.operands.surrogate, &surrogate, &fault)) {
         return canopy_command_fail(&fault);
     }
     canopy_surrogate_free(&surrogate);  // it was read to check it; the script reads it again
