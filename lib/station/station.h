@@ -11,8 +11,9 @@
 ///     mended by raising the coefficients around it (canopy_fast_raise), and the next fit is tighter again.
 ///   - A later reading that raises its cell, or falls into a cell that has risen since the publication, is compared with
 ///     the published surface in the call that accepts it. If it is not surely on the safe side, status bit 0 is clear
-///     and the intrusion bit set before that call returns, until a publication covers it. A reading so far beyond the frame that no envelope can cover it keeps both so until the
-///     scene is begun anew. Readings beside the frame are counted as rejected and say nothing.
+///     and the intrusion bit set before that call returns, until a publication covers it. A reading so far beyond the
+///     frame that no envelope can cover it keeps both so until the scene is begun anew. Readings beside the frame are
+///     counted as rejected and say nothing.
 ///   - Readings that raise nothing are under the published envelope already: after `refresh_us` it is published again,
 ///     unchanged, with its new `points`.
 ///   - A withdrawal by command stands until there is something new to publish: a fit under way, a cell that rises, a
