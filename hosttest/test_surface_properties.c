@@ -168,7 +168,7 @@ static void complain(const struct scene *s, const char *what, const char *why) {
 }
 
 // How far above touching a fit from points may stand: a step, and what the margin, a lower bound, has lost to rounding.
-// exact.c derives that; with turned axes it grows with the frame's diagonal over the shorter pitch.
+// exact_parts.h derives that; with turned axes it grows with the frame's diagonal over the shorter pitch.
 static double looseness(const struct canopy_surrogate *s, const struct canopy_exact_result *result) {
     double far = fabs(result->height_max) + fabs(result->height_min);
     const double wide = s->pitch[0] * s->size[0] + s->pitch[1] * s->size[1] + far;

@@ -1,7 +1,7 @@
 /// Is every point on the safe side? Decided exactly, at the price of a double evaluation a point.
 ///
 /// Shares nothing with lib/cover: its own table, its own evaluation, its own arithmetic. Almost every point is decided
-/// by one bicubic Horner evaluation in IEEE double with a proved error bound (derived in exact.c); what the bound
+/// by one bicubic Horner evaluation in IEEE double with a proved error bound (derived in exact_parts.h); what the bound
 /// leaves open, and every doubtful frame edge, is decided in whole numbers of any length (GMP), so a verdict has no
 /// rounding in it. The margin that comes out is a true lower bound: raising every coefficient by -margin / lsb makes
 /// the surrogate safe, because the B-splines sum to one.
