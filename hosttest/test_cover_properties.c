@@ -15,6 +15,7 @@
 
 #include <cmocka.h>
 
+#include "hosttest/seeds.h"
 #include "lib/cover/certify.h"
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
@@ -338,25 +339,9 @@ static void check_scene(uint64_t seed) {
     }
 }
 
-static uint64_t number_from(const char *name, uint64_t otherwise) {
-    const char *text = getenv(name);
-    return text != NULL ? strtoull(text, NULL, 10) : otherwise;
-}
-
 static void no_point_is_on_the_wrong_side(void **state) {
     (void)state;
-    const uint64_t only = number_from("CANOPY_SEED", 0), clouds = number_from("CANOPY_CLOUDS", 60000);
-    if (only != 0) {
-        check_scene(only);
-        return;
-    }
-    for (uint64_t seed = 1; seed <= clouds; seed++) {
-#ifdef __clang__
-        check_scene(seed + 1000000000);  // the two compilers' programs try different clouds
-#else
-        check_scene(seed);
-#endif
-    }
+    seeds_run(60000, check_scene);
 }
 
 // What the referee of this file says when a surface is one step too low somewhere: it must notice.

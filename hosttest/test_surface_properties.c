@@ -15,6 +15,7 @@
 
 #include <cmocka.h>
 
+#include "hosttest/seeds.h"
 #include "tools/common/random.h"
 #include "tools/common/surface.h"
 
@@ -277,25 +278,9 @@ static void check_scene(uint64_t seed) {
 
 // ---- The tests
 
-static uint64_t number_from(const char *name, uint64_t otherwise) {
-    const char *text = getenv(name);
-    return text != NULL ? strtoull(text, NULL, 10) : otherwise;
-}
-
 static void no_surface_is_wrong(void **state) {
     (void)state;
-    const uint64_t only = number_from("CANOPY_SEED", 0), clouds = number_from("CANOPY_CLOUDS", CLOUDS);
-    if (only != 0) {
-        check_scene(only);
-        return;
-    }
-    for (uint64_t i = 1; i <= clouds; i++) {
-#ifdef __clang__
-        check_scene(i + 1000000000);  // the two compilers' programs try different clouds
-#else
-        check_scene(i);
-#endif
-    }
+    seeds_run(CLOUDS, check_scene);
 }
 
 // The judge of this file must notice a surface that is a step too low.
