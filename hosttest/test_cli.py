@@ -466,7 +466,10 @@ BAD_TEXT = {
     "hexadecimal": ("1 0x10 3\n", ":1: '0x10'"),
     "glued": ("1 2 3abc\n", ":1: '3abc'"),
     "empty field": ("1,,3\n", ":1: ''"),
-    "decimal commas": ("1,5 2,5\n3,5 x 1\n", ":2: 'x'"),
+    "decimal commas": ("1 2 3\n1,5 2,5 3,5\n", ":2: two kinds of separator"),
+    "decimal commas, semicolons": ("1,5;2,5;3,5\n", ":1: two kinds of separator"),
+    "one decimal comma": ("1;2,5;3\n", ":1: two kinds of separator"),
+    "a decimal comma at the end": ("1 2 3,5\n", ":1: two kinds of separator"),
     "binary": ("1 2 3\n\0\0\0\n", ":2: a zero byte"),
     "a very long line": ("1 2 3\n" + "x" * 200000, ":2: line longer"),
 }
@@ -659,6 +662,12 @@ def test_plot(tmp_path, scene, options):
         assert width >= 1000 and height >= 500
         picture.unlink()
     assert left_behind(tmp_path, "scene.xyz", "out.json")
+
+
+@pytest.mark.skipif(not has_matplotlib(), reason="no matplotlib")
+def test_plot_without_room(tmp_path, scene):
+    out, _ = fit(tmp_path, scene)
+    refused(canopy("plot", out, scene, "-o", "/dev/full"), "/dev/full: cannot write")
 
 
 @pytest.mark.skipif(not has_matplotlib(), reason="no matplotlib")

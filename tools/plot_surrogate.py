@@ -4,7 +4,8 @@
 Usage: plot_surrogate.py SURROGATE.json OUT.png NAME [points]
 
 With "points", standard input holds them: x, y, z in input units as doubles in this machine's order. NAME is what the
-title calls them. Needs Debian's python3-matplotlib. The surrogate has been validated by whoever calls.
+title calls them. Needs Debian's python3-matplotlib. The surrogate has been validated by whoever calls. Exit status: 0
+drawn, 3 OUT.png cannot be written, 4 matplotlib is missing; the caller says so.
 """
 import json
 import os
@@ -15,8 +16,8 @@ try:
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
-except ImportError as error:
-    sys.exit(f"plot_surrogate.py: {error}: install python3-matplotlib")
+except ImportError:
+    sys.exit(4)
 
 SPACE_POINTS = 12000    # points drawn in space: more hide the surface
 SECTION_POINTS = 20000
@@ -196,7 +197,10 @@ def main():
     draw_space(figure, grid[0], s, cloud, sample)
     draw_section(figure, grid[1], s, cloud)
     figure.suptitle(headline(s, cloud, name), fontsize=12, fontweight="bold")
-    figure.savefig(out, format="png")
+    try:
+        figure.savefig(out, format="png")
+    except OSError:
+        sys.exit(3)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,9 @@
 #define PYTHON "/usr/bin/python3"
 #define SCRIPT "plot_surrogate.py"
 
+// Exit statuses of the script, which leaves the words to its caller.
+enum { EXIT_UNWRITABLE = 3, EXIT_MISSING = 4 };
+
 static const char DOC[] =
     "Draws a surrogate, with its points if they are given: the surface in space and one cross-section.\v"
     "The picture is a PNG. Points are in the formats of `canopy fit --help`. Drawing needs Debian's "
@@ -90,8 +93,7 @@ static FILE *start(const char *script, const char *surrogate, const char *output
         close(ends[0]);
         close(ends[1]);
         execl(PYTHON, PYTHON, script, surrogate, output, name, points ? "points" : "", (char *)NULL);
-        fprintf(stderr, "canopy: " PYTHON ": %s: install python3-matplotlib\n", strerror(errno));
-        _exit(127);
+        _exit(EXIT_MISSING);
     }
     close(ends[0]);
     if (*child < 0) {
@@ -107,6 +109,17 @@ static bool send_point(void *context, const double point[3], uint64_t where, str
     FILE *to = context;
     fwrite(point, sizeof(double), 3, to);  // a child that has died says so by its exit status
     return true;
+}
+
+/// Why a child that has ended has drawn nothing.
+static bool explain(int status, const struct arguments *a, struct canopy_fault *fault) {
+    switch (WIFEXITED(status) ? WEXITSTATUS(status) : -1) {
+    case EXIT_UNWRITABLE:
+        return canopy_fault_set(fault, "%s: cannot write: give -o a file in a directory that exists and has room",
+                                a->output);
+    case EXIT_MISSING: return canopy_fault_set(fault, PYTHON " has no matplotlib: install python3-matplotlib");
+    default: return canopy_fault_set(fault, "%s: the picture could not be drawn", a->operands.surrogate);
+    }
 }
 
 static bool draw(const struct arguments *a, const char *script, const char *to, struct canopy_fault *fault) {
@@ -126,9 +139,7 @@ static bool draw(const struct arguments *a, const char *script, const char *to, 
     fclose(pipe_end);
     int status = 0;
     while (waitpid(child, &status, 0) < 0 && errno == EINTR) {}
-    return ok && ((WIFEXITED(status) && WEXITSTATUS(status) == 0) ||
-                  canopy_fault_set(fault, "%s: the picture could not be drawn: is python3-matplotlib installed?",
-                                   a->operands.surrogate));
+    return ok && ((WIFEXITED(status) && WEXITSTATUS(status) == 0) || explain(status, a, fault));
 }
 
 int canopy_command_plot(int argc, char **argv) {

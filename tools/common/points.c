@@ -26,10 +26,13 @@ static const char *skip_blanks(const char *p) {
     return p;
 }
 
-/// A column separator: blanks with at most one comma or semicolon among them. Returns `p` itself if there is none.
-static const char *skip_separator(const char *p) {
+/// A column separator: blanks with at most one comma or semicolon among them, which is the `mark`, ' ' if there is
+/// none. Returns `p` itself if there is no separator.
+static const char *skip_separator(const char *p, char *mark) {
     p = skip_blanks(p);
+    *mark = ' ';
     if (*p == ',' || *p == ';') {
+        *mark = *p;
         p = skip_blanks(p + 1);
     }
     return p;
@@ -46,14 +49,22 @@ static bool bad_column(const char *field, enum canopy_number what, int column, s
                             width > 40 ? 40 : width, field, column + 1, canopy_number_complaint(what));
 }
 
-/// The first three columns of a line that is not blank.
+/// The first three columns of a line that is not blank. Two separators on one line mean decimal commas (1,5;2,5;3,5 or
+/// 1,5 2,5 3,5): read as columns they would be a wrong scene without a complaint.
 static bool read_columns(const char *p, double point[3], struct canopy_fault *fault) {
+    char first = ' ';
     for (int column = 0; column < 3; column++) {
         const char *end = p;
+        char mark = ' ';
         const enum canopy_number what = canopy_number_read(p, &end, &point[column]);
-        const char *next = skip_separator(end);
+        const char *next = skip_separator(end, &mark);
         if (what != CANOPY_NUMBER_OK || (next == end && !at_end(end))) {
             return bad_column(p, what == CANOPY_NUMBER_OK ? CANOPY_NUMBER_NONE : what, column, fault);
+        }
+        if (column == 0) {
+            first = mark;
+        } else if (mark != first && !at_end(next) && !(column == 2 && mark == ' ')) {
+            return canopy_fault_set(fault, "two kinds of separator: give numbers with a decimal point, not a comma");
         }
         p = next;
     }

@@ -2,8 +2,9 @@
 ///
 /// A path that ends in `.ply` (any case) is read as PLY; everything else, and "-" for standard input, as text: three
 /// numbers a line, separated by blanks or tabs and at most one comma or semicolon; further columns are ignored, `#`
-/// starts a comment, blank lines are skipped. Nothing is repaired: a word, a missing column, nan, inf or a number
-/// beyond double is a fault with its line. Memory does not grow with the file. Text: about 0.1 us a point.
+/// starts a comment, blank lines are skipped. Nothing is repaired: a word, a missing column, two kinds of separator on
+/// a line (decimal commas), nan, inf or a number beyond double is a fault with its line. Memory does not grow with the
+/// file. Text: about 0.1 us a point.
 #ifndef CANOPY_TOOLS_COMMON_POINTS_H
 #define CANOPY_TOOLS_COMMON_POINTS_H
 
