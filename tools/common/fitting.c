@@ -41,9 +41,8 @@ static void feed(const struct canopy_turned *turned, struct canopy_field *field)
 }
 
 /// As the device does it: the field's own certificate, coefficients raised where it finds something missing.
-static bool certify_field(const struct canopy_field *field, const struct canopy_frame *frame, int32_t *coefficients,
-                          struct canopy_fault *fault) {
-    const size_t bytes = CANOPY_CERTIFY_ARENA(frame->size[1], field->axis[0].cells, field->axis[1].cells);
+static bool certify_field(const struct canopy_field *field, int32_t *coefficients, struct canopy_fault *fault) {
+    const size_t bytes = CANOPY_CERTIFY_ARENA(field->frame.size[1], field->axis[0].cells, field->axis[1].cells);
     void *arena = malloc(bytes);
     struct canopy_certify certify;
     enum canopy_status status = arena ? canopy_certify_init(&certify, field, arena, bytes) : CANOPY_ARENA_SHORT;
@@ -61,19 +60,25 @@ static bool certify_field(const struct canopy_field *field, const struct canopy_
            canopy_fault_set(fault, "the field's certificate failed: choose another --grid or --field");
 }
 
-/// Feeds and solves in arenas that have been made.
-static bool solve(const struct canopy_turned *turned, struct canopy_field *field, struct canopy_fast *fast,
-                  int32_t *coefficients, struct canopy_fitting_report *report, struct canopy_fault *fault) {
+/// Feeds, solves and, from a field, certifies, in arenas that have been made.
+static bool solve(const struct canopy_turned *turned, bool from_field, struct canopy_field *field,
+                  struct canopy_fast *fast, int32_t *coefficients, struct canopy_fitting_report *report,
+                  struct canopy_fault *fault) {
     feed(turned, field);
     if (canopy_fast_begin(fast, coefficients) != CANOPY_OK) {
         return canopy_fault_set(fault, "no point reaches the field: choose another --frame");
     }
-    enum canopy_status status;
-    while ((status = canopy_fast_step(fast, UINT32_MAX)) == CANOPY_MORE) {}
+    while (canopy_fast_step(fast, UINT32_MAX) == CANOPY_MORE) {}
     report->iterations = fast->solves;
     report->unsettled = fast->unsettled;
-    return status == CANOPY_OK ||
-           canopy_fault_set(fault, "a coefficient left the fixed-point format: choose another --grid or --frame");
+    bool ok = true;
+    if (from_field && field->exact) {
+        const double start = canopy_stopwatch_ms();
+        ok = certify_field(field, coefficients, fault);
+        report->field_ms = canopy_stopwatch_ms() - start;
+    }
+    canopy_fast_orient(&field->frame, coefficients);
+    return ok;
 }
 
 bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
@@ -86,23 +91,15 @@ bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_
     void *fast_arena = malloc(fast_bytes);
     struct canopy_field field;
     struct canopy_fast fast;
-    bool ok = field_arena && fast_arena;
+    bool ok = false;
     *report = (struct canopy_fitting_report){0};
-    if (!ok) {
+    if (!field_arena || !fast_arena) {
         canopy_fault_no_memory(fault);
     } else if (canopy_field_init(&field, frame, r.cells, field_arena, field_bytes) != CANOPY_OK ||
                canopy_fast_init(&fast, &field, turned->scalar, r.lines, fast_arena, fast_bytes) != CANOPY_OK) {
-        ok = canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
+        canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
     } else {
-        ok = solve(turned, &field, &fast, coefficients, report, fault);
-    }
-    if (ok && fitting->field && field.exact) {
-        const double start = canopy_stopwatch_ms();
-        ok = certify_field(&field, frame, coefficients, fault);
-        report->field_ms = canopy_stopwatch_ms() - start;
-    }
-    if (ok) {
-        canopy_fast_orient(frame, coefficients);
+        ok = solve(turned, fitting->field > 0, &field, &fast, coefficients, report, fault);
     }
     free(field_arena);
     free(fast_arena);
