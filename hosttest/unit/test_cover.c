@@ -367,18 +367,24 @@ static bool is_above(const int32_t *b, uint16_t q, const int32_t *nodes) {
     return true;
 }
 
-static void fit_line(struct canopy_line *line, enum canopy_scalar scalar, uint16_t q, int32_t *b) {
+// Coefficients beyond +-limit count as exploded.
+static void fit_line_within(struct canopy_line *line, enum canopy_scalar scalar, uint16_t q, int32_t limit,
+                            int32_t *b) {
     if (scalar == CANOPY_F32) {
         canopy_line_shape_f32(line, N, q);
-        CHECK(canopy_line_begin_f32(line, -(1 << 28), 1 << 28));
+        CHECK(canopy_line_begin_f32(line, -limit, limit));
         while (canopy_line_iterate_f32(line)) {}
         canopy_line_finish_f32(line, b);
     } else {
         canopy_line_shape_fx(line, N, q);
-        CHECK(canopy_line_begin_fx(line, -(1 << 28), 1 << 28));
+        CHECK(canopy_line_begin_fx(line, -limit, limit));
         while (canopy_line_iterate_fx(line)) {}
         canopy_line_finish_fx(line, b);
     }
+}
+
+static void fit_line(struct canopy_line *line, enum canopy_scalar scalar, uint16_t q, int32_t *b) {
+    fit_line_within(line, scalar, q, 1 << 28, b);
 }
 
 UNIT(line_is_above_every_node_in_both_scalars) {
@@ -425,6 +431,42 @@ UNIT(line_without_data_says_so) {
     }
     canopy_line_shape_fx(&line, N, CELLS);
     CHECK(!canopy_line_begin_fx(&line, -100, 100));
+}
+
+// Pairs of nodes beside j + 1/2 make rows that are nearly the same, cliffs make choices that come back: whatever
+// ends the iteration, what comes out is safe; that it settles, gives up on a matrix and repeats itself is all met.
+enum { FINE = 32 };
+static CANOPY_ARENA_DECLARE(fine_arena, CANOPY_LINE_ARENA(N, FINE));
+
+UNIT(line_is_safe_however_its_iteration_ends) {
+    for (int scalar = CANOPY_F32; scalar <= CANOPY_FX; scalar++) {
+        uint32_t settled = 0, singular = 0, repeated = 0;
+        for (uint32_t seed = 1; seed <= 600; seed++) {
+            struct canopy_arena cut;
+            struct canopy_line line;
+            CHECK_EQ(canopy_arena_open(&cut, fine_arena, sizeof fine_arena, sizeof fine_arena), CANOPY_OK);
+            canopy_line_init(&line, N, FINE, &cut);
+            uint32_t random = seed;
+            for (size_t k = 0; k < CANOPY_LINE_NODES(N, FINE); k++) {
+                const size_t place = k % FINE;
+                const bool beside = place + 1 == FINE / 2 || place == FINE / 2;
+                const bool here = seed % 2 == 0 ? beside : next_random(&random) % 8 == 0;
+                const int32_t height = (int32_t)(next_random(&random) % 100000);
+                line.nodes[k] = here ? (next_random(&random) % 2 == 0 ? height : height / 1000) : CANOPY_NO_HEIGHT;
+            }
+            int32_t b[N];
+            const int32_t limit = seed % 3 == 0 ? 200000 : 1 << 28;  // the data's range, once more either way; or none
+            fit_line_within(&line, (enum canopy_scalar)scalar, FINE, limit, b);
+            CHECK(is_above(b, FINE, line.nodes));
+            CHECK(line.solves <= CANOPY_LINE_SOLVES);
+            settled += line.settled;
+            singular += line.singular;
+            repeated += !line.settled && !line.singular && line.solves < CANOPY_LINE_SOLVES;
+        }
+        CHECK(settled > 0);
+        CHECK(singular > 0);
+        CHECK(repeated > 0);
+    }
 }
 
 UNIT(line_is_safe_wherever_it_is_stopped) {
@@ -645,8 +687,9 @@ UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_of_a_flat_scene
           field_rounds_heights_up_where_a_step_is_more_than_a_quantum, field_takes_any_step,
           field_in_float_agrees_with_exact_edges, fields_merge_by_maximum, coverage_is_one_bit_a_knot_cell,
           line_is_above_every_node_in_both_scalars, line_through_a_straight_slope_is_that_slope,
-          line_without_data_says_so, line_is_safe_wherever_it_is_stopped, lift_looks_at_vertices_and_clears_every_node,
-          surface_is_certified_in_both_scalars, certificate_notices_what_is_too_low,
-          raising_mends_any_surface_in_one_pass, certificate_refuses_an_approximate_field,
-          certificate_refuses_what_its_numbers_cannot_hold, surface_says_what_is_wrong_with_its_arguments,
-          what_nothing_covered_sees_is_its_nearest, raise_keeps_within_the_format, envelope_bounds_its_height)
+          line_without_data_says_so, line_is_safe_however_its_iteration_ends, line_is_safe_wherever_it_is_stopped,
+          lift_looks_at_vertices_and_clears_every_node, surface_is_certified_in_both_scalars,
+          certificate_notices_what_is_too_low, raising_mends_any_surface_in_one_pass,
+          certificate_refuses_an_approximate_field, certificate_refuses_what_its_numbers_cannot_hold,
+          surface_says_what_is_wrong_with_its_arguments, what_nothing_covered_sees_is_its_nearest,
+          raise_keeps_within_the_format, envelope_bounds_its_height)
