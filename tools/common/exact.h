@@ -23,7 +23,9 @@ struct canopy_cloud {
 };
 
 /// What is known about all points added so far. Heights and margins in device units along axes[2]; a margin is positive
-/// on the safe side. Points outside the frame count in `points` and `outside` only.
+/// on the safe side. Points outside the frame count in `points` and `outside` only. The margin is within 1e-12 of the
+/// largest height or coefficient; with axes of any direction, within that times the frame's diagonal over its shorter
+/// pitch.
 struct canopy_exact_result {
     uint64_t points;
     uint64_t wrong;        ///< on the wrong side, exactly
@@ -31,14 +33,12 @@ struct canopy_exact_result {
     uint64_t first_wrong;  ///< index of the first such point, counted over all calls; UINT64_MAX if none
     uint64_t first_outside;
     uint64_t decided_by_gmp;  ///< how many the double evaluation left open
-    double margin;            ///< lower bound of the smallest margin, see below; +inf without a point
+    double margin;            ///< lower bound of the smallest margin; +inf without a point
     double gap_sum;           ///< sum of margins, to double accuracy
     double gap_max;           ///< -inf without a point
     double height_min;        ///< smallest and largest height of the points inside; +inf, -inf without a point
     double height_max;
 };
-// The bound is within 1e-12 of the largest height or coefficient; with axes of any direction within that times the
-// frame's diagonal over its shorter pitch.
 
 struct canopy_exact;
 
