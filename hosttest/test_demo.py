@@ -27,8 +27,12 @@ def build(tmp_path):
 
 
 def demo(build, *options):
-    done = subprocess.run([*DEMO, *map(str, options)], cwd=ROOT, env={**os.environ, "BUILD": str(build)},
-                          stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300)
+    """Emulator, scanner and PLC keep real time; what says that the machine was too busy for it is run again, twice."""
+    for _ in range(3):
+        done = subprocess.run([*DEMO, *map(str, options)], cwd=ROOT, env={**os.environ, "BUILD": str(build)},
+                              stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300)
+        if "run it again while the machine is less busy" not in done.stderr:
+            break
     return done.returncode, done.stdout, done.stderr
 
 
@@ -79,6 +83,34 @@ def test_a_scene_of_ones_own(build, board):
     status, output, errors = demo(build, "--board", board, "--short", "--scene", scene)
     assert status == 0, output + errors
     assert_whole(build, output)
+
+
+def test_a_flat_scene(build):
+    scene = build / "flat.xyz"
+    scene.write_text("".join(f"{i % 20} {i // 20} 1\n" for i in range(400)))
+    status, output, errors = demo(build, "--board", "linux", "--scene", scene)
+    assert status == 0, output + errors
+    assert_whole(build, output)
+    assert "mean 0.00 %, largest 0.0 %" in output
+
+
+def test_a_profile_that_the_device_gave_up_is_named(tmp_path):
+    """The line to the scanner failed on a busy machine: what is said is not that the PLC could not read."""
+    (tmp_path / "host").mkdir()
+    for program in ("canopyd", "canopy-scanner", "canopy"):
+        (tmp_path / "host" / program).symlink_to(BUILD / "host" / program)
+    plc = tmp_path / "host" / "canopy-plc"
+    plc.write_text(f"""#!/bin/sh
+case "$2" in
+read) echo 'canopy-plc: no envelope of 2400 points' >&2; exit 1 ;;
+status) echo '{{"profiles": 39, "scan_errors": 3}}' ;;
+*) exec {BUILD / "host" / "canopy-plc"} "$@" ;;
+esac
+""")
+    plc.chmod(0o755)
+    status, _, errors = demo(tmp_path, "--board", "linux", "--short")
+    assert status == 1 and "39 of 40 profiles" in errors and "3 errors" in errors and len(errors.splitlines()) == 1
+    assert children_of(tmp_path) == []
 
 
 def test_the_checker_is_asked(build):

@@ -344,6 +344,8 @@ def test_status(out):
         lines = dict(line.split(None, 1) for line in plc(device, "status").splitlines() if " " in line.strip())
         said = json.loads(plc(device, "status", "--json"))
     assert lines["magic"] == "434E5059" and lines["status"] == "valid" and lines["rx_errors"].strip() == "4"
+    assert lines["unit"].strip() == "0.1" and lines["pitch_v"].split()[0] == "4000000000"
+    assert lines["origin_z"].split()[0] == "-2147483648"
     assert said["sequence"] == 6 and said["origin_z"] == -2 ** 31 and said["pitch_v"] == 4000000000
     assert said["rx_errors"] == 4 and abs(said["unit"] - 0.1) < 1e-8 and said["status_text"] == "valid"
 

@@ -270,13 +270,22 @@ class Plc:
             except ValueError as error:
                 raise Failure(f"canopy-plc prints '{line}', which is no JSON: that is a defect of canopy") from error
 
-    def read(self, points, to):
-        """The whole envelope that covers so many readings, from registers alone, as a surrogate file."""
+    def explain(self, profiles):
+        """Raises if the device has fewer profiles than there are: its line to the scanner has failed, not the PLC's."""
+        status, output = run("canopy-plc", [BUILD / "host" / "canopy-plc", self.url, "status", "--json"])
+        has = json.loads(output.splitlines()[-1]) if status == 0 else {}
+        if has.get("profiles", profiles) < profiles and has["scan_errors"] > 0:
+            raise Failure(f"the device has {has['profiles']} of {profiles} profiles, for it has met {has['scan_errors']} "
+                          "errors on its line to the scanner: run it again while the machine is less busy")
+
+    def read(self, points, profiles, to):
+        """The whole envelope of all profiles and so many readings, from registers alone, as a surrogate file."""
         self.child.stop()
         status, output = run("canopy-plc", [BUILD / "host" / "canopy-plc", self.url, "read", "--json", "-o", to,
                                             "--until-points", points, "--timeout", SETTLE_SECONDS,
                                             "--answer-timeout", "1000"])
         if status != 0:
+            self.explain(profiles)
             raise Failure(f"the PLC could not read the envelope: {output} (what it saw before: {self.seen})")
         return json.loads(output.splitlines()[-1])
 
@@ -349,14 +358,14 @@ def draw(surrogate, served_file, to):
 
 
 def report(envelope, served, verdict, seconds):
-    gap = re.search(r"mean gap ([\d.]+)% of the height range, max ([\d.]+)%", verdict)
+    gap = re.search(r"mean gap (\S+)% of the height range, max (\S+)%", verdict)
     rows = [("grid", f"{envelope['grid_m']} x {envelope['grid_n']} coefficients, {envelope['scalar']}, "
                      f"{envelope['side']}, unit {envelope['unit']:.9g}"),
             ("sequence", f"{envelope['sequence']} publications"),
             ("points", f"{envelope['points']}, every one of the {served} valid readings served"),
             ("coverage", f"{envelope['coverage_pct']} % of the knot cells"),
             ("margin", f"{envelope['margin'] * envelope['unit']:.6g} certified above every field cell"),
-            ("gap", f"mean {gap.group(1)} %, largest {gap.group(2)} % of the height range" if gap else "?"),
+            ("gap", "mean {:.2f} %, largest {:.1f} % of the height range".format(*map(float, gap.groups()))),
             ("status", envelope["status_text"]),
             ("check", verdict)]
     print(f"\nWhat the PLC read, from registers alone, after {seconds:.0f} s:")
@@ -393,7 +402,7 @@ def play(arguments, children):
     plc = Plc(children, device.plc_url)
     served = sweep(scanner, plc, device, children)
     surrogate, picture = place / "surrogate.json", place / "picture.png"
-    envelope = plc.read(served, surrogate)
+    envelope = plc.read(served, scanner.profiles, surrogate)
     device.check()
     if envelope["points"] != served:
         raise Failure(f"the PLC's envelope covers {envelope['points']} readings, and {served} were served: that is a "

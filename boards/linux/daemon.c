@@ -284,6 +284,10 @@ static void tell(struct canopyd *daemon, uint64_t now_us) {
     }
     daemon->status = live.status;
     daemon->status_us = now_us;
+    if (canopy_plc_sequence(&daemon->station.plc) == 0) {
+        canopy_linux_log("no envelope");
+        return;
+    }
     canopy_linux_log("envelope %u of %u readings, %u %% covered: %s%s%s", canopy_plc_sequence(&daemon->station.plc),
                      daemon->station.published_points, live.coverage_pct,
                      (live.status & CANOPY_PLC_VALID) != 0 ? "valid" : "not valid",

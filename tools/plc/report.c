@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <jansson.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define NO_READING UINT32_MAX  // age_ms while there is no reading
@@ -37,6 +38,17 @@ static json_t *object_of(const struct plc_device *device, const enum plc_item *i
     return object;
 }
 
+// A float by its shortest decimal, which is the one meant; a whole number with all its digits.
+static void print_number(const struct plc_device *device, enum plc_item item) {
+    const double value = plc_number(device, item);
+    int digits = plc_items[item].type == PLC_F32 ? 1 : 10;
+    char text[32];
+    do {
+        snprintf(text, sizeof text, "%.*g", digits, value);
+    } while (digits++ < 9 && strtof(text, NULL) != (float)value);
+    printf("%s%s%s", text, plc_items[item].unit[0] != '\0' ? " " : "", plc_items[item].unit);
+}
+
 void report_status(const struct plc_device *device, bool json) {
     enum plc_item all[PLC_ITEM_COUNT];
     char text[48];
@@ -62,7 +74,7 @@ void report_status(const struct plc_device *device, bool json) {
         else if (i == PLC_AGE_MS && device->value[i] == NO_READING)
             printf("no reading yet");
         else
-            printf("%.9g %s", plc_number(device, (enum plc_item)i), plc_items[i].unit);
+            print_number(device, (enum plc_item)i);
         putchar('\n');
     }
     printf("%-18s %" PRIu64 ", %" PRIu64 " failed\n", "(our requests)", device->link->requests, device->link->failures);
