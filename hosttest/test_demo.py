@@ -94,6 +94,18 @@ def test_a_flat_scene(build):
     assert "mean 0.00 %, largest 0.0 %" in output
 
 
+def test_a_scene_far_from_zero(build):
+    """As maps have it: at the usual unit its coordinates leave 32 bits, and the message names the option that helps."""
+    scene = build / "map.xyz"
+    scene.write_text("".join(f"{4.5e6 + i % 20} {5.4e6 + i // 20} {i % 7}\n" for i in range(400)))
+    status, _, errors = demo(build, "--board", "linux", "--scene", scene)
+    assert status == 1 and "--unit" in errors and len(errors.splitlines()) == 1, errors
+    status, output, errors = demo(build, "--board", "linux", "--scene", scene, "--unit", "0.01")
+    assert status == 0, output + errors
+    surrogate, _ = assert_whole(build, output)
+    assert surrogate["unit"] == 0.01
+
+
 def test_a_profile_that_the_device_gave_up_is_named(tmp_path):
     """The line to the scanner failed on a busy machine: what is said is not that the PLC could not read."""
     (tmp_path / "host").mkdir()

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The whole way, from a scanner to a PLC: a scene is swept into a device, and the PLC's view of it is checked.
 
-Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux] [--scene POINTS] [--short]
+Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux] [--scene POINTS] [--unit U] [--short]
 
 A scanner simulator sweeps the scene profile by profile and serves it over Modbus; the device (the firmware on an
 emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. In the end the
@@ -275,8 +275,9 @@ class Plc:
         status, output = run("canopy-plc", [BUILD / "host" / "canopy-plc", self.url, "status", "--json"])
         has = json.loads(output.splitlines()[-1]) if status == 0 else {}
         if has.get("profiles", profiles) < profiles and has["scan_errors"] > 0:
-            raise Failure(f"the device has {has['profiles']} of {profiles} profiles, for it has met {has['scan_errors']} "
-                          "errors on its line to the scanner: run it again while the machine is less busy")
+            raise Failure(f"the device has {has['profiles']} of {profiles} profiles, for it has met "
+                          f"{has['scan_errors']} errors on its line to the scanner: run it again while the machine is "
+                          "less busy")
 
     def read(self, points, profiles, to):
         """The whole envelope of all profiles and so many readings, from registers alone, as a surrogate file."""
@@ -393,6 +394,8 @@ def play(arguments, children):
         make_terrain(scene, arguments.short)
     elif arguments.short:
         shape = ["--profiles", SHORT["rows"], "--columns", SHORT["columns"]]
+    if arguments.unit is not None:
+        shape += ["--unit", arguments.unit]
     device = DEVICES[arguments.board](children)
     scanner = Scanner(children, scene, device.scanner_line, shape)
     title = "the Jacksboro fault terrain" if arguments.scene is None else shown(scene)
@@ -418,6 +421,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--board", choices=sorted(DEVICES), default="mps2_an385")
     parser.add_argument("--scene", type=Path, help="points to sweep, .xyz or .ply, instead of the terrain")
+    parser.add_argument("--unit", help="input units a device unit; a scene far from zero needs a larger one")
     parser.add_argument("--short", action="store_true", help="fewer profiles and columns")
     arguments = parser.parse_args()
     for number in (signal.SIGTERM, signal.SIGHUP):
