@@ -1,8 +1,9 @@
 // No point on the wrong side, in exact arithmetic, over many small clouds made to hurt: both scalars, both sides.
 //
 // Every cloud goes the device's way (frame, field, fit, certificate, mended where the certificate says so) and is then
-// judged by tools/common/exact, which shares nothing with lib/cover. CANOPY_CLOUDS sets how many (default 100,000
-// shared out over the programs that run this; a failure prints the seed, CANOPY_SEED=n runs that one alone).
+// judged by tools/common/exact, which shares nothing with lib/cover. CANOPY_CLOUDS sets how many (default 60,000
+// in each program that runs this, other ones by each compiler); a failure prints the seed, CANOPY_SEED=n runs that one
+// alone.
 
 #include <math.h>
 #include <setjmp.h>
