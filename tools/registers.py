@@ -183,7 +183,7 @@ class Map:
                "Generated from `lib/plc/registers.csv`; `docs/plc.md` says how to use it.", "",
                f"Map version {self.version}, CRC-32 0x{self.crc:08X}. Addresses are protocol addresses, from 0 (a PLC that counts",
                "from 40001 adds 40001). Function codes 03 and 04 show the same. Word order is ABCD: the high word of a 32-bit",
-               f"value stands at the lower address. The map ends at {self.end - 1}; every address of it can be read on every",
+               f"value stands at the lower address. The map ends at {self.end - 1}; every register in it can be read on every",
                "device, however small its grid.", ""]
         for name, title, text in self.groups:
             out += [f"## {title}", "", text, "", "| address | name | type | access | unit | meaning |", "| --- | --- | --- | --- | --- | --- |"]
