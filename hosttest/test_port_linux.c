@@ -1,5 +1,6 @@
-// The Linux port: ring, lines, connections, servers, the libmodbus client and the scanner's thread, each with the faults
-// that its header speaks of. Times of servers are virtual; where a thread must wait for another, it waits for the event.
+// The Linux port: ring, lines, connections, servers, the libmodbus client and the scanner's thread, each with the
+// faults that its header speaks of. Times of servers are virtual; where a thread must wait for another, it waits for
+// the event.
 #include <errno.h>
 #include <fcntl.h>
 #include <netinet/in.h>
@@ -487,8 +488,8 @@ static void test_tcp_listen_refusals(void **state) {
 struct script {
     int fd;  // listener, or a pty's master
     bool rtu;
-    const char *
-        acts;  // one letter a request: a answer, x exception, s silence, c close, w wrong length, l late, b bad CRC, u wrong unit
+    /// One letter a request: a answer, x exception, s silence, c close, w wrong length, l late, b bad CRC, u wrong unit
+    const char *acts;
     unsigned requests;
 };
 

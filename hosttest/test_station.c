@@ -1,15 +1,16 @@
 // What the station promises (lib/station/station.h) in every interleaving of readings, steps, commands and reads.
 //
-// A model that shares nothing with lib/cover stands beside each station: it keeps every accepted reading and judges what is
-// published in whole numbers of 128 bits, with weights of the uniform cubic B-spline written down here. After every call:
-//   - a new publication covers exactly the readings accepted so far: its `points` is their number, each of them is on the
-//     safe side by `margin` at least, its coverage is their cells;
-//   - the intrusion bit stands, and bit 0 is clear, if any reading since lies beyond what is published; it goes only with
-//     a publication (or the scene), never while a reading out of all range is remembered, and it comes only with a reading
-//     that is at least nearly beyond;
+// A model that shares nothing with lib/cover stands beside each station: it keeps every accepted reading and judges
+// what is published in whole numbers of 128 bits, with weights of the uniform cubic B-spline written down here. After
+// every call:
+//   - a new publication covers exactly the readings accepted so far: its `points` is their number, each of them is on
+//     the safe side by `margin` at least, its coverage is their cells;
+//   - the intrusion bit stands, and bit 0 is clear, if any reading since lies beyond what is published; it goes only
+//     with a publication (or the scene), never while a reading out of all range is remembered, and it comes only
+//     with a reading that is at least nearly beyond;
 //   - stale, age, counters and coverage are what the model counts.
-// CANOPY_STATIONS sets how many random lives are lived (default 1500); a failure prints the seed, and CANOPY_SEED=n lives
-// that one alone.
+// CANOPY_STATIONS sets how many random lives are lived (default 1500); a failure prints the seed, and CANOPY_SEED=n
+// lives that one alone.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

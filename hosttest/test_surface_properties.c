@@ -33,8 +33,8 @@ struct scene {
 static double uniform(struct scene *s) { return canopy_random_unit(&s->random); }
 static uint32_t below(struct scene *s, uint32_t limit) { return canopy_random_below(&s->random, limit); }
 
-// ---- Clouds in the unit cube: each coordinate has a law of its own, so planes, lines, columns, lattices, cliffs, spikes
-// and duplicates all come about, and their mixtures
+// ---- Clouds in the unit cube: each coordinate has a law of its own, so planes, lines, columns, lattices, cliffs,
+// spikes and duplicates all come about, and their mixtures
 
 static double draw(struct scene *s, uint32_t law, double fixed, const double *before) {
     switch (law) {

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # A room of lib/ may include itself and whatever stands on a lower floor. Rooms of one floor do not know each other.
 FLOORS = [{"."}, {"num"}, {"spline"}, {"cover", "rbf"}, {"scan", "modbus"}, {"plc"}, {"station"}]
 FREESTANDING = {"stdint.h", "stddef.h", "stdbool.h", "string.h", "limits.h", "float.h"}
+COLUMNS = 120  # of comments too, which clang-format leaves alone
 FLOAT_ONLY = {"math.h"}
 FORBIDDEN = re.compile(r"\b(malloc|calloc|realloc|free|alloca|printf|fprintf|snprintf|sprintf|puts|fopen|exit|abort|assert|"
                        r"setjmp|longjmp|errno|time|rand|qsort)\s*\(")
@@ -89,12 +90,15 @@ def check_file(path):
         wrong = check_library_include(path, system, name) if in_library else None if system else check_place(path, name)
         if wrong:
             yield number, wrong
+    lines = text.splitlines()
     for number, line in enumerate(without_comments(text).splitlines(), 1):
         found = FORBIDDEN.search(line) if in_library else None
         if found:
             yield number, f"{found.group(1)} is not for lib/"
-        if re.search(r"\b(TODO|FIXME|XXX)\b", text.splitlines()[number - 1]):
+        if re.search(r"\b(TODO|FIXME|XXX)\b", lines[number - 1]):
             yield number, "unfinished"
+        if len(lines[number - 1]) > COLUMNS:
+            yield number, f"more than {COLUMNS} columns"
 
 
 def check_guard(path):

@@ -1,7 +1,7 @@
 /// canopyd's one loop: PLCs are served, readings taken and the station stepped in turns of bounded length.
 ///
-/// A turn takes readings for at most 0.3 ms and fits for at most 0.5 ms before it looks at the PLCs again. What may block
-/// (the scanner) is in a thread of its own, behind a ring; standard error is never waited for.
+/// A turn takes readings for at most 0.3 ms and fits for at most 0.5 ms before it looks at the PLCs again. What may
+/// block (the scanner) is in a thread of its own, behind a ring; standard error is never waited for.
 #ifndef CANOPY_BOARDS_LINUX_DAEMON_H
 #define CANOPY_BOARDS_LINUX_DAEMON_H
 

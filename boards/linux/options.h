@@ -28,10 +28,10 @@ struct canopyd_options {
     uint32_t timeout_ms;  ///< of the scanner's answers
 };
 
-/// Reads the command line and, where it names one, the configuration file; the command line wins, and one --modbus on it
-/// replaces all of the file's. Returns CANOPYD_EXIT_OK, or the status to exit with after a line on standard error:
-/// CANOPYD_EXIT_USAGE for a command line that cannot be understood (argp ends the process itself for some), CANOPYD_EXIT_INPUT
-/// for a value that cannot be or a bad file. `options` needs canopyd_options_free either way.
+/// Reads the command line and, where it names one, the configuration file; the command line wins, and one --modbus on
+/// it replaces all of the file's. Returns CANOPYD_EXIT_OK, or the status to exit with after a line on standard error:
+/// CANOPYD_EXIT_USAGE for a command line that cannot be understood (argp ends the process itself for some),
+/// CANOPYD_EXIT_INPUT for a value that cannot be or a bad file. `options` needs canopyd_options_free either way.
 int canopyd_options_read(int argc, char **argv, struct canopyd_options *options);
 
 void canopyd_options_free(struct canopyd_options *options);

@@ -18,8 +18,8 @@ struct canopyd_source {
     struct canopy_linux_modbus_client modbus;  // modbus-rtu, modbus-tcp
 };
 
-/// Prepares it: reads the point file of sim with `unit` (0: the unit rule), looks the driver up, checks that an RTU device is
-/// there. Nothing is connected yet.
+/// Prepares it: reads the point file of sim with `unit` (0: the unit rule), looks the driver up, checks that an RTU
+/// device is there. Nothing is connected yet.
 bool canopyd_source_open(struct canopyd_source *source, const struct canopyd_scanner_url *url, double unit,
                          uint32_t timeout_us, struct canopy_fault *fault);
 

@@ -22,8 +22,8 @@
 
 #define BOARD_WATCHDOG_BASE 0x40008000u
 
-/// Each line's rings. Received: a whole Modbus frame, however long the loop is away. To be sent: what the wire takes in 10 ms,
-/// longer than the loop is away, so that a frame leaves without gaps.
+/// Each line's rings. Received: a whole Modbus frame, however long the loop is away. To be sent: what the wire takes in
+/// 10 ms, longer than the loop is away, so that a frame leaves without gaps.
 #define BOARD_RECEIVE_LENGTH 256u
 #define BOARD_SEND_LENGTH 128u
 

@@ -635,7 +635,8 @@ UNIT(surface_says_what_is_wrong_with_its_arguments) {
     CHECK_EQ(canopy_fast_begin(&fast, b), CANOPY_EMPTY);
 }
 
-// Data in one corner of the grid, and the coefficients nothing covered can see are those next to the ones that are seen.
+// Data in one corner of the grid, and the coefficients nothing covered can see are those next to the ones that are
+// seen.
 UNIT(what_nothing_covered_sees_is_its_nearest) {
     const struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 100);
     struct canopy_field field = field_in(&frame);

@@ -62,8 +62,8 @@ static inline bool is_within(float x, float low, float high) { return x >= low &
 
 #define HEIGHT_REACH ((float)(CANOPY_HEIGHT_LIMIT - 4))
 
-// Cell and height of a point in the frame with an ordinary height; false for any other. The height is never too low: the
-// difference is off by half an ulp of at most 2^25 steps, which is 1, and the step up makes the whole number.
+// Cell and height of a point in the frame with an ordinary height; false for any other. The height is never too low:
+// the difference is off by half an ulp of at most 2^25 steps, which is 1, and the step up makes the whole number.
 CANOPY_INLINE bool find(const struct view_f32 *view, const float p[3], bool exact, struct canopy_field_hit *hit) {
     const struct axis_f32 *u = &view->axis[0], *v = &view->axis[1];
     const float height = (p[2] - view->zero) * view->scale;

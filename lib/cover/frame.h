@@ -43,10 +43,10 @@ struct canopy_grid {
 };
 
 /// The smallest frame with axes along x, y and z that holds the box low … high of device points, corners included:
-/// its origin is the box's corner on the quantum, its pitch the smallest multiple of Q quanta that reaches the far side.
-/// In float the quantum is the smallest power of two for which every cell edge has at most 24 bits.
-/// CANOPY_ARGUMENT: the grid is out of range, low > high, or (float) a corner is not within +- CANOPY_FRAME_F32_MAX, where
-/// differences of coordinates are still finite. *frame is then unchanged.
+/// its origin is the box's corner on the quantum, its pitch the smallest multiple of Q quanta that reaches the far
+/// side. In float the quantum is the smallest power of two for which every cell edge has at most 24 bits.
+/// CANOPY_ARGUMENT: the grid is out of range, low > high, or (float) a corner is not within +- CANOPY_FRAME_F32_MAX,
+/// where differences of coordinates are still finite. *frame is then unchanged.
 enum canopy_status canopy_frame_around_fx(struct canopy_frame *frame, const struct canopy_grid *grid,
                                           const int32_t low[3], const int32_t high[3]);
 enum canopy_status canopy_frame_around_f32(struct canopy_frame *frame, const struct canopy_grid *grid,

@@ -3,7 +3,7 @@
 /// A line has n coefficients at 0, 1 … n-1, the end ones repeated once outside, and *nodes* at k/q, k = 0 … q(n-1),
 /// each with a height or with none. The fit makes the lower bound of Lemma 5.1,
 ///
-///     l(h + s) = (1-s) b[h] + s b[h+1] + (1-s)^3 min(D[h], 0)/6 + s^3 min(D[h+1], 0)/6,   D[i] = b[i-1] - 2b[i] + b[i+1],
+///     l(h + s) = (1-s) b[h] + s b[h+1] + (1-s)^3 min(D[h], 0)/6 + s^3 min(D[h+1], 0)/6, D[i] = b[i-1]-2b[i]+b[i+1],
 ///
 /// at least the height of every node; the spline is then above the polyline through the nodes of any two neighbours.
 /// With q = 1 this is the paper's Heuristic(sigma, b) for uniform data (Section 4).
@@ -15,9 +15,9 @@
 /// matrix is close to singular or the coefficients explode, each row's node moves to its integer, where the matrix is
 /// diagonally dominant. In every case the best iterate is taken and canopy_line_lift finishes it: safe by construction.
 ///
-/// On a knot interval l is concave: (1-s)^3 and s^3 are convex and what multiplies them is not positive. So what a height
-/// lacks of l is largest at a vertex of the upper convex hull of the nodes, on any part of the interval, and the fit
-/// looks at those *vertices* only (per half interval, because that is what rounds to one row).
+/// On a knot interval l is concave: (1-s)^3 and s^3 are convex and what multiplies them is not positive. So what a
+/// height lacks of l is largest at a vertex of the upper convex hull of the nodes, on any part of the interval, and the
+/// fit looks at those *vertices* only (per half interval, because that is what rounds to one row).
 ///
 /// The scalar lives in here only: heights in and coefficients out are whole steps, and so is all that is proved.
 /// Float and fixed point give coefficients that differ by rounding; both are lifted by the same exact integers.
@@ -83,7 +83,8 @@ void canopy_line_init(struct canopy_line *line, size_t n, size_t q, struct canop
 void canopy_line_shape_f32(struct canopy_line *line, uint16_t n, uint16_t q);
 void canopy_line_shape_fx(struct canopy_line *line, uint16_t n, uint16_t q);
 
-/// Begins a fit of line->nodes. A coefficient outside [floor, ceiling] counts as exploded. False if no node has a height.
+/// Begins a fit of line->nodes. A coefficient outside [floor, ceiling] counts as exploded. False if no node has a
+/// height.
 bool canopy_line_begin_f32(struct canopy_line *line, int32_t floor, int32_t ceiling);
 bool canopy_line_begin_fx(struct canopy_line *line, int32_t floor, int32_t ceiling);
 
@@ -95,12 +96,13 @@ bool canopy_line_iterate_fx(struct canopy_line *line);
 void canopy_line_finish_f32(struct canopy_line *line, int32_t *coefficients);
 void canopy_line_finish_fx(struct canopy_line *line, int32_t *coefficients);
 
-/// Lists the vertices: the nodes with a height that are on the upper convex hull of their half interval. Returns how many.
+/// Lists the vertices: the nodes with a height that are on the upper convex hull of their half interval. Returns how
+/// many.
 uint16_t canopy_line_hull(const int32_t *nodes, uint16_t n, uint16_t q, uint16_t *vertices);
 
 /// The safe finish, exact: raises coefficients until the bound l is at least the height of every listed node.
-/// Where a node of the knot interval h lacks d, those of b[h-1] … b[h+2] that l depends on there (three at a knot) rise by
-/// d, and so does l; l falls nowhere when a coefficient rises, so one pass clears all. Returns the largest d.
+/// Where a node of the knot interval h lacks d, those of b[h-1] … b[h+2] that l depends on there (three at a knot) rise
+/// by d, and so does l; l falls nowhere when a coefficient rises, so one pass clears all. Returns the largest d.
 int32_t canopy_line_lift(int32_t *b, uint16_t n, uint16_t q, const int32_t *nodes, const uint16_t *vertices,
                          uint16_t count);
 

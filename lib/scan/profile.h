@@ -23,14 +23,14 @@
 /// the description's (as far as `read_max` allows): an RTU answer says neither address nor time, so this is what keeps
 /// one that came too late from being taken for the answer to the next request.
 ///
-/// A scanner that is read while it goes on by its own clock must give a profile at least the time its read takes. After a
-/// torn one the driver waits for the next to appear and reads that from its beginning, in step with the scanner.
+/// A scanner that is read while it goes on by its own clock must give a profile at least the time its read takes. After
+/// a torn one the driver waits for the next to appear and reads that from its beginning, in step with the scanner.
 ///
 /// Wire cost: 400 columns of u16 on the generic map are 4 reads, 864 bytes. While profiles come as fast as they are
 /// read, the first look for a profile already is its first block; while the driver waits, a look reads the header only.
 ///
-/// Memory: the driver and one arena for the raw heights of one profile. Work: O(count) a call, O(columns) for a profile's
-/// last answer; a reading is O(1). `now_us` is any clock that never goes back, the same in every call.
+/// Memory: the driver and one arena for the raw heights of one profile. Work: O(count) a call, O(columns) for a
+/// profile's last answer; a reading is O(1). `now_us` is any clock that never goes back, the same in every call.
 #ifndef CANOPY_SCAN_PROFILE_H
 #define CANOPY_SCAN_PROFILE_H
 

@@ -22,8 +22,8 @@ void canopy_basis_fx(int32_t s, int32_t weight[4], int32_t slope[4]);
 void canopy_basis_f32(float s, float weight[4], float slope[4]);
 
 /// How far canopy_surface_fx may be from S, in steps, either way. Per axis: the weights' errors times differences of
-/// coefficients of up to 2^29 (7.9 * 2^-30 * 2^29 < 4), s rounded down (2^-30 times a slope of up to 2^29: 1/2), and one
-/// floor: less than 6.
+/// coefficients of up to 2^29 (7.9 * 2^-30 * 2^29 < 4), s rounded down (2^-30 times a slope of up to 2^29: 1/2), and
+/// one floor: less than 6.
 #define CANOPY_SURFACE_FX_ERROR 12
 
 /// The surface at (u, v), in steps; coefficients within +-2^28. size = {m, n}; b in row (u) order.

@@ -7,8 +7,8 @@
 ///     }
 ///
 /// One step moves the bytes there are, carries out at most one PLC request and one scanner answer, takes at most
-/// `readings` readings and does at most `budget` units of fitting: its length is bounded, and the PLC is answered in the
-/// step in which its silence of T3.5 is over.
+/// `readings` readings and does at most `budget` units of fitting: its length is bounded, and the PLC is answered in
+/// the step in which its silence of T3.5 is over.
 #ifndef CANOPY_SERIAL_H
 #define CANOPY_SERIAL_H
 

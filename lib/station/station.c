@@ -217,7 +217,8 @@ enum canopy_status canopy_station_begin_scene(struct canopy_station *station,
 
 // ---- Readings
 
-// Whether a reading whose cell is not what was certified may lie beyond the published envelope. What is not sure counts as beyond.
+// Whether a reading whose cell is not what was certified may lie beyond the published envelope. What is not sure counts
+// as beyond.
 static bool is_beyond(const struct canopy_station *station, const int32_t point[3], int32_t height) {
     const struct canopy_envelope *envelope = canopy_plc_published(&station->plc);
     if (envelope == NULL) {
@@ -255,8 +256,8 @@ static bool is_beside(const struct canopy_frame *frame, const int32_t point[3]) 
     return false;
 }
 
-// Enters the reading with z at the unsafe end of its uncertainty, `worst`. Where that does not fit 32 bits the frame may
-// still reach that far, but no coordinate does: it is out of range.
+// Enters the reading with z at the unsafe end of its uncertainty, `worst`. Where that does not fit 32 bits the frame
+// may still reach that far, but no coordinate does: it is out of range.
 static enum canopy_status enter(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
                                 int32_t worst[3], struct canopy_field_hit *hit) {
     const bool above = station->config.grid.side == CANOPY_ABOVE;
@@ -325,7 +326,8 @@ bool canopy_station_profile(struct canopy_station *station, struct canopy_profil
 
 // ---- The step
 
-// Drops the candidate. The last envelope stays; the next attempt waits for its interval, or not if there is an intrusion.
+// Drops the candidate. The last envelope stays; the next attempt waits for its interval, or not if there is an
+// intrusion.
 static void fail(struct canopy_station *station) {
     station->fits_failed++;
     station->risen = true;

@@ -9,11 +9,11 @@
 ///     publication every covered cell, at the height it has then, lies under the bound. Cells that rise behind the
 ///     certificate's back are marked and certified again before it is published; a cell that the fit has missed is
 ///     mended by raising the coefficients around it (canopy_fast_raise), and the next fit is tighter again.
-///   - A later reading that raises its cell, or falls into a cell that has risen since the publication, is compared with
-///     the published surface in the call that accepts it. If it is not surely on the safe side, status bit 0 is clear
-///     and the intrusion bit set before that call returns, until a publication covers it. A reading so far beyond the
-///     frame that no envelope can cover it keeps both so until the scene is begun anew. Readings beside the frame are
-///     counted as rejected and say nothing.
+///   - A later reading that raises its cell, or falls into a cell that has risen since the publication, is compared
+///     with the published surface in the call that accepts it. If it is not surely on the safe side, status bit 0 is
+///     clear and the intrusion bit set before that call returns, until a publication covers it. A reading so far beyond
+///     the frame that no envelope can cover it keeps both so until the scene is begun anew. Readings beside the frame
+///     are counted as rejected and say nothing.
 ///   - Readings that raise nothing are under the published envelope already: after `refresh_us` it is published again,
 ///     unchanged, with its new `points`.
 ///   - A withdrawal by command stands until there is something new to publish: a fit under way, a cell that rises, a
@@ -118,7 +118,8 @@ enum canopy_status canopy_station_begin_box(struct canopy_station *station, cons
 enum canopy_status canopy_station_begin_scene(struct canopy_station *station, const struct canopy_profile_scene *scene);
 
 /// Takes one valid reading: device units; the true height is within z +- uncertainty. CANOPY_OK: accepted.
-/// CANOPY_OUT_OF_FRAME: rejected, beside the frame; CANOPY_RANGE: rejected, and an intrusion; CANOPY_EMPTY: no scene yet.
+/// CANOPY_OUT_OF_FRAME: rejected, beside the frame; CANOPY_RANGE: rejected, and an intrusion; CANOPY_EMPTY: no scene
+/// yet.
 enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
                                           uint64_t now_us);
 

@@ -1,4 +1,5 @@
-/// The UART of Arm's Cortex-M System Design Kit (CMSDK technical reference, 4.3) as a byte stream: interrupts and two rings.
+/// The UART of Arm's Cortex-M System Design Kit (CMSDK technical reference, 4.3) as a byte stream: interrupts and two
+/// rings.
 ///
 /// It has 8 data bits, no parity and one stop bit; it cannot do 8E1. Both rings belong to the caller.
 #ifndef CANOPY_PORT_CORTEXM_CMSDK_UART_H
@@ -8,8 +9,8 @@
 
 #include "lib/port.h"
 
-/// A ring with one writer and one reader, one of them an interrupt. Its counts grow without end; their difference is what
-/// is inside.
+/// A ring with one writer and one reader, one of them an interrupt. Its counts grow without end; their difference is
+/// what is inside.
 struct canopy_cmsdk_ring {
     uint8_t *bytes;
     uint32_t capacity;  ///< a power of two

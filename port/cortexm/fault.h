@@ -1,7 +1,8 @@
 /// What is left of a crash: a record that survives the reset, and a line on the console.
 ///
-/// Any exception that has no handler, and the watchdog's warning, ends in canopy_fault_entry (startup.h). It takes a fresh
-/// stack, fills the record, prints `fault N pc X lr X cfsr X address X`, and resets. The next start finds the record.
+/// Any exception that has no handler, and the watchdog's warning, ends in canopy_fault_entry (startup.h). It takes a
+/// fresh stack, fills the record, prints `fault N pc X lr X cfsr X address X`, and resets. The next start finds the
+/// record.
 #ifndef CANOPY_PORT_CORTEXM_FAULT_H
 #define CANOPY_PORT_CORTEXM_FAULT_H
 

@@ -8,7 +8,8 @@ extern uint32_t canopy_stack_limit[];
 
 int main(void);
 
-// Below the stack there is no memory, but not every chip and no emulator faults there: forbid the 64 KB, where the chip can.
+// Below the stack there is no memory, but not every chip and no emulator faults there: forbid the 64 KB, where the chip
+// can.
 static void guard_stack(void) {
     if (CANOPY_MPU_TYPE == 0)
         return;

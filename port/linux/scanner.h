@@ -62,8 +62,8 @@ void canopy_linux_scanner_hear(struct canopy_linux_scanner *scanner);
 /// Copies the status unless the thread is writing it just now: false then, and *to is unchanged. Never waits.
 bool canopy_linux_scanner_look(struct canopy_linux_scanner *scanner, struct canopy_linux_scanner_status *to);
 
-/// Ends the thread: waits for a read that is under way, `wait_us` at most. False: the thread still hangs, and neither the
-/// scanner nor what its registers need may be freed; end the process.
+/// Ends the thread: waits for a read that is under way, `wait_us` at most. False: the thread still hangs, and neither
+/// the scanner nor what its registers need may be freed; end the process.
 bool canopy_linux_scanner_stop(struct canopy_linux_scanner *scanner, uint32_t wait_us);
 
 #endif

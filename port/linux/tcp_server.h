@@ -1,8 +1,8 @@
 /// A Modbus TCP server: one listener, up to eight clients, never waiting for any of them.
 ///
 /// Each connection has a client number of its own towards the bank. A connection that has completed no request for
-/// `idle_us` is closed, whatever bytes it trickles; when a ninth client comes, the one idle the longest makes room if it has
-/// been idle for `spare_us`, else the newcomer is closed.
+/// `idle_us` is closed, whatever bytes it trickles; when a ninth client comes, the one idle the longest makes room if
+/// it has been idle for `spare_us`, else the newcomer is closed.
 #ifndef CANOPY_PORT_LINUX_TCP_SERVER_H
 #define CANOPY_PORT_LINUX_TCP_SERVER_H
 

@@ -1,8 +1,9 @@
 /// The floor: the least a fit from points can cost, one pass that puts every point's height into its cell's maximum.
 ///
 /// Points are float triples in memory, the cells those of a field with Q = 4. There is no frame, no check of the input
-/// and no proof in it: a fit and its certificate are quoted as multiples of this pass, measured in the same run. Several
-/// ways of writing it are timed and the fastest counts, for which one wins depends on how the points are ordered.
+/// and no proof in it: a fit and its certificate are quoted as multiples of this pass, measured in the same run.
+/// Several ways of writing it are timed and the fastest counts, for which one wins depends on how the points are
+/// ordered.
 #ifndef CANOPY_TOOLS_BENCH_FLOOR_H
 #define CANOPY_TOOLS_BENCH_FLOOR_H
 

@@ -1,4 +1,5 @@
-/// Numbers that stand behind an option of the command line. What is none is a fault that names the option and the range.
+/// Numbers that stand behind an option of the command line. What is none is a fault that names the option and the
+/// range.
 #ifndef CANOPY_TOOLS_COMMON_OPTION_H
 #define CANOPY_TOOLS_COMMON_OPTION_H
 

@@ -78,8 +78,8 @@ double canopy_sweep_unit(const struct canopy_sweep *sweep);
 uint8_t canopy_sweep_read(struct canopy_sweep *sweep, uint8_t client, uint16_t address, uint16_t count, uint16_t *to,
                           uint64_t now_us);
 
-/// The last read of `client` goes to its master as it is. `doubtful`: but so late, or behind such noise, that the master
-/// may not take it. Without this call the master is taken not to have seen it.
+/// The last read of `client` goes to its master as it is. `doubtful`: but so late, or behind such noise, that the
+/// master may not take it. Without this call the master is taken not to have seen it.
 void canopy_sweep_offered(struct canopy_sweep *sweep, uint8_t client, bool doubtful);
 
 /// From now on each reading of a served profile is written to `file`, a line each: "x y z", input units, 17 digits, so

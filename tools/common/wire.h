@@ -39,8 +39,8 @@ bool canopy_wire_url_parse(const char *text, struct canopy_wire_url *url, struct
 /// The parts that programs with other rules share: what a line's format says …
 bool canopy_wire_format(const char *text, char *parity, uint8_t *stop_bits);
 
-/// … and HOST:PORT cut in two in place, at its last colon, without the brackets of an IPv6 address (the host then begins
-/// behind `text`). NULL without a colon.
+/// … and HOST:PORT cut in two in place, at its last colon, without the brackets of an IPv6 address (the host then
+/// begins behind `text`). NULL without a colon.
 char *canopy_wire_cut(char *text, char **port);
 
 /// Bits of a character on the line: start, data, parity, stop.

@@ -2,7 +2,8 @@
 ///
 /// An RTU answer says neither address nor time, so one that comes too late could be taken for the answer to the next
 /// request. Two things prevent it: consecutive requests use the function codes 03 and 04 in turn (both show the same
-/// registers, and an answer repeats its code), and after a failure the line is left alone until late answers are through.
+/// registers, and an answer repeats its code), and after a failure the line is left alone until late answers are
+/// through.
 #ifndef CANOPY_TOOLS_PLC_LINK_H
 #define CANOPY_TOOLS_PLC_LINK_H
 

@@ -39,8 +39,8 @@ struct mischief {
     uint64_t silenced, truncated, flipped, excepted, garbled, delayed;  ///< what was done
 };
 
-/// Puts the reply, treated, into `message`; a length of 0 there means silence. `rtu`: the frame has unit, PDU and CRC, else
-/// it is Modbus TCP. `length` is at most 260.
+/// Puts the reply, treated, into `message`; a length of 0 there means silence. `rtu`: the frame has unit, PDU and CRC,
+/// else it is Modbus TCP. `length` is at most 260.
 enum mischief_fate mischief_do(struct mischief *mischief, bool rtu, const uint8_t *reply, size_t length,
                                uint64_t now_us, struct outbox_message *message);
 
