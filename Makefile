@@ -3,6 +3,9 @@
 
 BUILD ?= build
 BOARD ?= mps2_an385
+ifeq (,$(wildcard boards/$(BOARD)/*.c))
+$(error BOARD=$(BOARD) is no board: give one of $(notdir $(patsubst %/,%,$(wildcard boards/*/))))
+endif
 SECONDS ?= 60
 PYTHON := /usr/bin/python3# Debian's own, which has the packages that tools/setup installs
 Q := $(if $(V),,@)

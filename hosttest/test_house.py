@@ -224,3 +224,8 @@ def test_the_fixed_point_library_is_freestanding(tmp_path):
                     "-o", whole], check=True)
     names = subprocess.run(["arm-none-eabi-nm", "-u", whole], check=True, capture_output=True, text=True).stdout
     assert {row.split()[-1] for row in names.splitlines()} <= allowed
+
+
+def test_a_board_that_is_none_is_named():
+    done = subprocess.run(["make", "-n", "-C", ROOT, "firmware", "BOARD=nope"], capture_output=True, text=True)
+    assert done.returncode != 0 and "BOARD=nope is no board: give one of linux mps2_an385" in done.stderr
