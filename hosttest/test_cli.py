@@ -227,6 +227,7 @@ def test_output_replaces_whole_files_only(tmp_path, scene):
     assert json.loads(out.read_text())["format"] == "canopy-surrogate"
     refused(canopy("fit", scene, "--grid", "8x8", "-o", tmp_path / "no" / "dir.json"), "dir.json", "cannot write")
     refused(canopy("fit", scene, "--grid", "8x8", "-o", tmp_path), "cannot write")
+    refused(canopy("fit", scene, "--grid", "8x8", "-o", "-"), "-: cannot write")
 
 
 # -- check: verdicts of surrogates that are not safe -------------------------------------------------------------------

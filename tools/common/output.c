@@ -39,6 +39,9 @@ static bool failed(struct canopy_output *output, struct canopy_fault *fault) {
 bool canopy_output_open(struct canopy_output *output, const char *path, struct canopy_fault *fault) {
     *output = (struct canopy_output){.path = path};
     struct stat status;
+    if (strcmp(path, "-") == 0) {
+        return canopy_fault_set(fault, "-: cannot write: give -o the name of a file, standard output has the report");
+    }
     if (lstat(path, &status) == 0 && !S_ISREG(status.st_mode)) {
         output->file = fopen(path, "wb");  // /dev/stdout, /dev/null, a pipe, a link: nothing that may be replaced
         return output->file || failed(output, fault);
