@@ -87,6 +87,8 @@ enum canopy_tighten_stage {
     CANOPY_TIGHTEN_STEP,
     CANOPY_TIGHTEN_CENTRE,
     CANOPY_TIGHTEN_RECENTRE,
+    CANOPY_TIGHTEN_TRY,
+    CANOPY_TIGHTEN_ACCEPT,
     CANOPY_TIGHTEN_PUBLISH,  // raises the candidate
     CANOPY_TIGHTEN_COMPARE,  // has it mended, and publishes it if it is better
     CANOPY_TIGHTEN_DONE
@@ -123,7 +125,7 @@ struct canopy_tighten {
     float height_mean;   // of the points
     uint32_t constraints, deepest;  // how many there are in all; most blocks of a knot cell
     float mu, comp, sums[3], most[2];  // complementarity; what a pass adds up; largest -by/slack and -by/dual
-    float alpha[2];      // step lengths, primal and dual
+    float alpha[2], aim[2];  // step lengths, primal and dual; those that a corrector aims at
     uint8_t corrections; // centrality correctors of this iteration so far
     bool lid;            // the start was of no use as an iterate
     bool safe;

@@ -11,8 +11,11 @@
 #define FRESH 0.2f           // the first iterate stands this much above the start
 #define LID 1.1f             // or it is this flat one
 #define RIDGE 1e-6f          // added to the matrix, of its mean diagonal
-#define CORRECTORS 2         // centrality correctors an iteration
-#define ENOUGH 1e-3f         // excess at which it ends
+#define CORRECTORS 2         // centrality correctors an iteration, at most
+#define AIM 0.3f             // by how much longer a step a corrector aims at …
+#define WORTH 0.1f           // … and which part of it makes it worth taking
+#define SHORT 0.95f          // how much of the way to the boundary is gone
+#define ENOUGH 2e-4f         // of the mean gap: complementarity at which it ends
 #define STALLED 1e-4f        // as do steps that are both shorter
 #define EDGE_LIMIT (1 << 24) // edges of a float frame are whole quanta within +- this
 
@@ -417,9 +420,7 @@ static void begin_pass(struct canopy_tighten *t, enum canopy_tighten_stage stage
     memset(t->g[0], 0, bytes);
     memset(t->g[1], 0, bytes);
     memset(t->most, 0, sizeof t->most);
-    if (stage != CANOPY_TIGHTEN_CENTRE) {
-        memset(t->sums, 0, sizeof t->sums);
-    }
+    memset(t->sums, 0, sizeof t->sums);
     if (stage == CANOPY_TIGHTEN_MEASURE) {
         memset(t->matrix, 0, bytes * CANOPY_TIGHTEN_BAND(t->frame.size[1]));
         t->comp = 0;
@@ -604,11 +605,10 @@ static void finish_affine(struct canopy_tighten *t) {
 
 static void step_reach(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
-    const float tau = t->corrections > 0 ? 0.0f : t->mu;
     for (size_t j = 0; j < count; j++) {
         for (int k = 0; k < SIDES && t->seen[j]; k++) {
             const float s = reach_slack(t, k, j), y = t->dual[k][j], by = sign_of(k) * t->step[j];
-            const float dual_by = (tau + t->target[k][j]) / s - y - y * by / s;
+            const float dual_by = (t->mu + t->target[k][j]) / s - y - y * by / s;
             t->dual_by[k][j] = dual_by;
             t->most[0] = larger(t->most[0], -by / s);
             t->most[1] = larger(t->most[1], -dual_by / larger(y, 1e-30f));
@@ -630,21 +630,27 @@ static void take_step(struct canopy_tighten *t) {
     begin_pass(t, CANOPY_TIGHTEN_PUBLISH);
 }
 
+static void begin_centre(struct canopy_tighten *t) {
+    for (int k = 0; k < 2; k++) {
+        t->aim[k] = smaller(t->alpha[k] + AIM, 1.0f);
+    }
+    begin_pass(t, CANOPY_TIGHTEN_CENTRE);
+}
+
+static float shortened(float most) { return most > SHORT ? SHORT / most : 1.0f; }
+
 static void finish_step(struct canopy_tighten *t) {
     step_reach(t);
     for (int k = 0; k < 2; k++) {
-        t->alpha[k] = t->most[k] > 0.95f ? 0.95f / t->most[k] : 1.0f;
+        t->alpha[k] = shortened(t->most[k]);
     }
-    if (t->corrections == CORRECTORS) {
-        take_step(t);
-        return;
-    }
-    begin_pass(t, CANOPY_TIGHTEN_CENTRE);
-    t->sums[0] = smaller(t->alpha[0] + 0.3f, 1.0f);
-    t->sums[1] = smaller(t->alpha[1] + 0.3f, 1.0f);
+    begin_centre(t);
 }
 
-static float centre_change(const struct canopy_tighten *t, float product) {
+// What brings the product of slack and dual after a step into reach of the centre, limited (Gondzio).
+static float reach_change(const struct canopy_tighten *t, int side, size_t j) {
+    const float slack = reach_slack(t, side, j) + t->aim[0] * sign_of(side) * t->step[j];
+    const float product = slack * (t->dual[side][j] + t->aim[1] * t->dual_by[side][j]);
     const float least = 0.1f * t->mu, most = 10.0f * t->mu;
     const float change = product < least ? least - product : product > most ? most - product : 0.0f;
     return larger(change, -most);
@@ -655,24 +661,54 @@ static void finish_centre(struct canopy_tighten *t) {
     for (size_t j = 0; j < count; j++) {
         t->affine[j] = t->seen[j] ? t->g[0][j] : 0.0f;
         for (int k = 0; k < SIDES && t->seen[j]; k++) {
-            const float s = reach_slack(t, k, j), y = t->dual[k][j], by = sign_of(k) * t->step[j];
-            const float dual_by = t->dual_by[k][j];
-            const float change = centre_change(t, (s + t->sums[0] * by) * (y + t->sums[1] * dual_by));
-            t->target[k][j] = s * dual_by + s * y + y * by + change;
-            t->affine[j] += sign_of(k) * change / s;
+            t->target[k][j] = reach_change(t, k, j);
+            t->affine[j] += sign_of(k) * t->target[k][j] / reach_slack(t, k, j);
         }
     }
-    t->corrections++;
     t->stage = CANOPY_TIGHTEN_RECENTRE;
 }
 
 static void recentre(struct canopy_tighten *t) {
-    const size_t count = canopy_tighten_coefficients(t);
     solve(t, t->affine);
+    begin_pass(t, CANOPY_TIGHTEN_TRY);
+}
+
+// A correction is taken if it lengthens the steps by a tenth of what it aimed at.
+static void finish_try(struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
+    for (size_t j = 0; j < count; j++) {
+        for (int k = 0; k < SIDES && t->seen[j]; k++) {
+            const float s = reach_slack(t, k, j), y = t->dual[k][j], by = sign_of(k) * t->affine[j];
+            t->target[k][j] = t->dual_by[k][j] + (t->target[k][j] - y * by) / s;  // the dual's direction if it is taken
+            t->most[0] = larger(t->most[0], -(sign_of(k) * t->step[j] + by) / s);
+            t->most[1] = larger(t->most[1], -t->target[k][j] / larger(y, 1e-30f));
+        }
+    }
+    const float primal = shortened(t->most[0]), dual = shortened(t->most[1]);
+    if (!(primal + dual >= t->alpha[0] + t->alpha[1] + WORTH * (t->aim[0] + t->aim[1] - t->alpha[0] - t->alpha[1]) &&
+          primal >= 0.9f * t->alpha[0] && dual >= 0.9f * t->alpha[1])) {
+        take_step(t);
+        return;
+    }
+    t->alpha[0] = primal;
+    t->alpha[1] = dual;
+    begin_pass(t, CANOPY_TIGHTEN_ACCEPT);
+}
+
+static void finish_accept(struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
     for (size_t j = 0; j < count; j++) {
         t->step[j] += t->affine[j];
+        for (int k = 0; k < SIDES; k++) {
+            t->dual_by[k][j] = t->seen[j] ? t->target[k][j] : 0.0f;
+        }
     }
-    begin_pass(t, CANOPY_TIGHTEN_STEP);
+    t->corrections++;
+    if (t->corrections < CORRECTORS) {
+        begin_centre(t);
+    } else {
+        take_step(t);
+    }
 }
 
 static void compare(struct canopy_tighten *t) {
@@ -684,7 +720,7 @@ static void compare(struct canopy_tighten *t) {
             publish(t, mended);
         }
     }
-    const bool ends = t->iterations >= CANOPY_TIGHTEN_ITERATIONS || canopy_tighten_excess(t) < ENOUGH ||
+    const bool ends = t->iterations >= CANOPY_TIGHTEN_ITERATIONS || t->comp * t->range < ENOUGH * t->mean_gap ||
                       (t->alpha[0] < STALLED && t->alpha[1] < STALLED);
     if (ends) {
         t->stage = CANOPY_TIGHTEN_DONE;
@@ -734,6 +770,8 @@ static void step_once(struct canopy_tighten *t) {
     case CANOPY_TIGHTEN_STEP: pass_row(t, CANOPY_TIGHTEN_PASS_STEP) ? finish_step(t) : (void)0; break;
     case CANOPY_TIGHTEN_CENTRE: pass_row(t, CANOPY_TIGHTEN_PASS_CENTRE) ? finish_centre(t) : (void)0; break;
     case CANOPY_TIGHTEN_RECENTRE: recentre(t); break;
+    case CANOPY_TIGHTEN_TRY: pass_row(t, CANOPY_TIGHTEN_PASS_TRY) ? finish_try(t) : (void)0; break;
+    case CANOPY_TIGHTEN_ACCEPT: pass_row(t, CANOPY_TIGHTEN_PASS_ACCEPT) ? finish_accept(t) : (void)0; break;
     case CANOPY_TIGHTEN_PUBLISH: raise_candidate(t); break;
     case CANOPY_TIGHTEN_COMPARE: compare(t); break;
     default: break;

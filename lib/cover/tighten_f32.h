@@ -34,7 +34,9 @@ enum canopy_tighten_pass {
     CANOPY_TIGHTEN_PASS_MEASURE,  // duals stepped, slacks of x, the matrix; comp; g[0]: A'y
     CANOPY_TIGHTEN_PASS_AFFINE,   // `affine`: sums of the products, steps, g[0]: A'(1/s), g[1]: A'(target/s)
     CANOPY_TIGHTEN_PASS_STEP,     // `step`: directions and steps
-    CANOPY_TIGHTEN_PASS_CENTRE    // targets moved towards the centre; g[0]: A'(change/s)
+    CANOPY_TIGHTEN_PASS_CENTRE,   // g[0]: A'(change/s), the change that brings products towards the centre
+    CANOPY_TIGHTEN_PASS_TRY,      // `affine` added to the directions: steps alone
+    CANOPY_TIGHTEN_PASS_ACCEPT    // the same, and the directions are kept
 };
 void canopy_tighten_pass(struct canopy_tighten *t, enum canopy_tighten_pass pass, uint32_t row);
 

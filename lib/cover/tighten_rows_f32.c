@@ -4,6 +4,7 @@
 #include "lib/cover/tighten_f32.h"
 
 #define LANES CANOPY_TIGHTEN_LANES
+#define DUAL_LEAST 1e-30f
 #define PITS 7  // distinct Bernstein coefficients of two half intervals
 
 // From B-spline coefficients b[h-1] … b[h+2] to the Bernstein form of the knot interval, and to that of its two halves.
@@ -265,7 +266,7 @@ static void pass_step(float tau, struct canopy_tighten_lanes *restrict c, const 
         c->slack_by[l] = value[l];
         c->dual_by[l] = active * by;
         to->most[0][l] = larger(to->most[0][l], -value[l] * inverse);
-        to->most[1][l] = larger(to->most[1][l], active * -by / larger(y, 1e-30f));
+        to->most[1][l] = larger(to->most[1][l], active * -by / larger(y, DUAL_LEAST));
     }
 }
 
@@ -276,14 +277,28 @@ static inline float correction(float product, float mu) {
     return change < -most ? -most : change;
 }
 
+static inline float change_of(const struct canopy_tighten *t, const struct canopy_tighten_lanes *c, int l) {
+    const float slack = c->slack[l] + t->aim[0] * c->slack_by[l], dual = c->dual[l] + t->aim[1] * c->dual_by[l];
+    return on(c->z[l]) * correction(slack * dual, t->mu);
+}
+
 static void pass_centre(const struct canopy_tighten *restrict t, struct canopy_tighten_lanes *restrict c,
                         struct results *restrict to) {
     for (int l = 0; l < LANES; l++) {
-        const float active = on(c->z[l]), s = c->slack[l], y = c->dual[l], ds = c->slack_by[l], dy = c->dual_by[l];
-        const float product = (s + t->sums[0] * ds) * (y + t->sums[1] * dy);
-        const float change = active * correction(product, t->mu);
-        c->slack_by[l] = s * dy + s * y + y * ds + change;
-        to->r[0][l] = change / s;
+        to->r[0][l] = change_of(t, c, l) / c->slack[l];
+    }
+}
+
+static void pass_try(const struct canopy_tighten *restrict t, struct canopy_tighten_lanes *restrict c,
+                     const float *restrict value, bool accepted, struct results *restrict to) {
+    for (int l = 0; l < LANES; l++) {
+        const float active = on(c->z[l]), s = c->slack[l], y = c->dual[l];
+        const float more = (change_of(t, c, l) - y * value[l]) / s;
+        const float slack_by = c->slack_by[l] + value[l], dual_by = c->dual_by[l] + active * more;
+        to->most[0][l] = larger(to->most[0][l], active * -slack_by / s);
+        to->most[1][l] = larger(to->most[1][l], active * -dual_by / larger(y, DUAL_LEAST));
+        c->slack_by[l] = accepted ? slack_by : c->slack_by[l];
+        c->dual_by[l] = accepted ? dual_by : c->dual_by[l];
     }
 }
 
@@ -293,8 +308,10 @@ static void pass_lanes(const struct canopy_tighten *t, enum canopy_tighten_pass 
     case CANOPY_TIGHTEN_PASS_SLACKS: pass_slacks(c, value, to); break;
     case CANOPY_TIGHTEN_PASS_MEASURE: pass_measure(t, c, value, to); break;
     case CANOPY_TIGHTEN_PASS_AFFINE: pass_affine(c, value, to); break;
-    case CANOPY_TIGHTEN_PASS_STEP: pass_step(t->corrections > 0 ? 0.0f : t->mu, c, value, to); break;
+    case CANOPY_TIGHTEN_PASS_STEP: pass_step(t->mu, c, value, to); break;
     case CANOPY_TIGHTEN_PASS_CENTRE: pass_centre(t, c, to); break;
+    case CANOPY_TIGHTEN_PASS_TRY: pass_try(t, c, value, false, to); break;
+    case CANOPY_TIGHTEN_PASS_ACCEPT: pass_try(t, c, value, true, to); break;
     }
 }
 
@@ -443,13 +460,16 @@ static void pass_cell(struct canopy_tighten *t, enum canopy_tighten_pass pass, u
 
 void canopy_tighten_pass(struct canopy_tighten *t, enum canopy_tighten_pass pass, uint32_t row) {
     const uint32_t cells = t->frame.size[1] - 1U;
-    const float *x = pass == CANOPY_TIGHTEN_PASS_AFFINE ? t->affine : pass == CANOPY_TIGHTEN_PASS_STEP ? t->step : t->x;
+    const float *const surface[] = {[CANOPY_TIGHTEN_PASS_SLACKS] = t->x,      [CANOPY_TIGHTEN_PASS_MEASURE] = t->x,
+                                    [CANOPY_TIGHTEN_PASS_AFFINE] = t->affine, [CANOPY_TIGHTEN_PASS_STEP] = t->step,
+                                    [CANOPY_TIGHTEN_PASS_CENTRE] = t->x,      [CANOPY_TIGHTEN_PASS_TRY] = t->affine,
+                                    [CANOPY_TIGHTEN_PASS_ACCEPT] = t->affine};
     for (uint32_t w = 0; w < cells; w++) {
         const uint32_t index = row * cells + w;
         if (t->first[index] < t->first[index + 1]) {
             struct cell cell;
             find_cell(t, row, w, &cell);
-            read_cell(&cell, x);
+            read_cell(&cell, surface[pass]);
             pass_cell(t, pass, index, &cell);
         }
     }
