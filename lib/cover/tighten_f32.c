@@ -15,7 +15,7 @@
 #define AIM 0.3f             // by how much longer a step a corrector aims at …
 #define WORTH 0.1f           // … and which part of it makes it worth taking
 #define SHORT 0.95f          // how much of the way to the boundary is gone
-#define ENOUGH 2e-4f         // of the mean gap: complementarity at which it ends
+#define ENOUGH 5e-4f         // of the mean gap: complementarity at which it ends
 #define STALLED 1e-4f        // as do steps that are both shorter
 #define EDGE_LIMIT (1 << 24) // edges of a float frame are whole quanta within +- this
 
@@ -535,7 +535,7 @@ static void find_bound(struct canopy_tighten *t) {
     }
     const float slack = t->comp + rounding * (1.0f + t->comp) + CANOPY_TIGHTEN_ERROR * duals.high;
     const float bound = ((gap.high - lost.high) - slack) + (gap.low - lost.low);
-    t->bound = larger(t->bound, bound * t->range);
+    t->bound = bound * t->range > t->bound ? bound * t->range : t->bound;  // also where it is no number
 }
 
 static void finish_measure(struct canopy_tighten *t) {
@@ -616,9 +616,25 @@ static void step_reach(struct canopy_tighten *t) {
     }
 }
 
+// False where rounding has eaten the step: it leads out of the reach, or nowhere.
+static bool is_sound(const struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
+    for (size_t j = 0; j < count; j++) {
+        const float x = t->x[j] + t->alpha[0] * t->step[j];
+        if (!(x >= CANOPY_TIGHTEN_FLOOR && x <= CANOPY_TIGHTEN_CEILING)) {
+            return false;
+        }
+    }
+    return true;
+}
+
 // The iterate after the step. The points' duals follow when they are measured.
 static void take_step(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
+    if (!is_sound(t)) {
+        t->stage = CANOPY_TIGHTEN_DONE;
+        return;
+    }
     for (size_t j = 0; j < count; j++) {
         t->x[j] += t->alpha[0] * t->step[j];
         for (int k = 0; k < SIDES; k++) {

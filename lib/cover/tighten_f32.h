@@ -11,7 +11,7 @@
 #define CANOPY_TIGHTEN_FLOOR -1.0f
 #define CANOPY_TIGHTEN_CEILING 2.0f
 #define CANOPY_TIGHTEN_NONE -8.0f  // the bound of a constraint that is none; below all others
-#define CANOPY_TIGHTEN_LEAST 1e-9f // least slack: what rounding may take from a slack that is positive in truth
+#define CANOPY_TIGHTEN_LEAST 1e-8f // least slack: what rounding may take from a slack that is positive in truth
 
 // How far a surface evaluated here may be from the true one, coefficients within +-2.5. Per axis: coefficients to floats
 // 3 roundings, to Bernstein form 6, weights from s 4, the sum 8; times two axes less what they share, under 40 roundings
