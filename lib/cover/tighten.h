@@ -23,7 +23,8 @@
 /// s = A x - b: the first step because A x* >= b and y >= 0, the second because A x = b + s. Every iteration has such
 /// a y. canopy_tighten_excess gives the best so far as "at most that far from the tightest possible".
 ///
-/// A coefficient that no occupied knot cell can see is free: the program leaves it as the start has it.
+/// A coefficient that no occupied knot cell can see is free and shapes nothing that is covered: it stays as the start
+/// has it, and at the end all free ones take the values of least bending energy beside the others.
 ///
 /// From a field (canopy_tighten_field) the points are the field's nodes, each as high as the highest cell around it.
 /// That is no certificate of what lies between nodes, so canopy_certify mends every candidate before it counts.
@@ -68,7 +69,7 @@ struct canopy_tighten_block {
      CANOPY_TIGHTEN_CELLS(m, n) * 7U * sizeof(struct canopy_tighten_lanes) +                                           \
      CANOPY_ARENA_ROUND(4U * (CANOPY_TIGHTEN_CELLS(m, n) + 1U)) +                                                      \
      CANOPY_ARENA_ROUND(16U * CANOPY_TIGHTEN_CELLS(m, n)) +                                                            \
-     CANOPY_ARENA_ROUND(4U * (size_t)(m) * (size_t)(n) * CANOPY_TIGHTEN_BAND(n)) +                                     \
+     CANOPY_ARENA_ROUND(4U * (size_t)(m) * (size_t)(n)*CANOPY_TIGHTEN_BAND(n)) +                                       \
      14U * CANOPY_ARENA_ROUND(4U * (size_t)(m) * (size_t)(n)) + CANOPY_ARENA_ROUND((size_t)(m) * (size_t)(n)))
 #define CANOPY_TIGHTEN_CELLS(m, n) (((size_t)(m)-1U) * ((size_t)(n)-1U))
 
@@ -91,43 +92,46 @@ enum canopy_tighten_stage {
     CANOPY_TIGHTEN_ACCEPT,
     CANOPY_TIGHTEN_PUBLISH,  // raises the candidate
     CANOPY_TIGHTEN_COMPARE,  // has it mended, and publishes it if it is better
+    CANOPY_TIGHTEN_BEND,     // the free coefficients
+    CANOPY_TIGHTEN_BEND_FACTOR,
+    CANOPY_TIGHTEN_BEND_SOLVE,
     CANOPY_TIGHTEN_DONE
 };
 
 struct canopy_tighten {
     struct canopy_frame frame;
-    uint8_t stage;          ///< enum canopy_tighten_stage
-    uint8_t iterations;     ///< done so far
-    uint32_t points;        ///< points taken
-    uint32_t published;     ///< how often the caller's coefficients were replaced
-    float mean_gap;         ///< of what is published, over the points, in steps
-    float bound;            ///< certified: no surface of the program has a smaller mean gap, in steps
+    uint8_t stage;       ///< enum canopy_tighten_stage
+    uint8_t iterations;  ///< done so far
+    uint32_t points;     ///< points taken
+    uint32_t published;  ///< how often the caller's coefficients were replaced
+    float mean_gap;      ///< of what is published, over the points, in steps
+    float bound;         ///< certified: no surface of the program has a smaller mean gap, in steps
 
-    size_t room;                            // points that the arena is for
-    const struct canopy_field *field;       // NULL when from points
-    struct canopy_certify *certify;         // mends candidates, or NULL
-    int32_t *b;                             // the caller's coefficients: what is published
-    int32_t low;                            // lowest height: 0 of the program's unit
-    float range, per_step;                  // of which 1 is the range of heights
-    uint32_t row;                           // next row of knot cells, or of coefficients, of the present stage
-    uint32_t *first;                        // first block of each knot cell, and the end
+    size_t room;                       // points that the arena is for
+    const struct canopy_field *field;  // NULL when from points
+    struct canopy_certify *certify;    // mends candidates, or NULL
+    int32_t *b;                        // the caller's coefficients: what is published
+    int32_t low;                       // lowest height: 0 of the program's unit
+    float range, per_step;             // of which 1 is the range of heights
+    uint32_t row;                      // next row of knot cells, or of coefficients, of the present stage
+    uint32_t *first;                   // first block of each knot cell, and the end
     struct canopy_tighten_block *blocks;
-    struct canopy_tighten_lanes *pits;      // 7 x 8 Bernstein coefficients for each knot cell, the eighth not used
-    float *half_low;                        // lowest height of each half-knot cell, 2 x 2 for each knot cell
-    float *matrix;                          // lower band, 3n + 4 a row, the diagonal last
-    float *cost;                            // c
-    float *x, *step, *affine, *rhs, *g[2];  // iterate and directions; sums over constraints of A'(...)
+    struct canopy_tighten_lanes *pits;        // 7 x 8 Bernstein coefficients for each knot cell, the eighth not used
+    float *half_low;                          // lowest height of each half-knot cell, 2 x 2 for each knot cell
+    float *matrix;                            // lower band, 3n + 4 a row, the diagonal last
+    float *cost;                              // c
+    float *x, *step, *affine, *rhs, *g[2];    // iterate and directions; sums over constraints of A'(...)
     float *dual[2], *dual_by[2], *target[2];  // of the reach: low side, high side
     int32_t *candidate;
-    uint8_t *seen;       // 1 where an occupied knot cell has the coefficient in its support
-    float pair[10][8];   // products of two B-splines in degree 6 Bernstein form, binomials included
+    uint8_t *seen;      // 1 where an occupied knot cell has the coefficient in its support
+    float pair[10][8];  // products of two B-splines in degree 6 Bernstein form, binomials included
     float pit_pair[10][8];
-    float height_mean;   // of the points
-    uint32_t constraints, deepest;  // how many there are in all; most blocks of a knot cell
+    float height_mean;                 // of the points
+    uint32_t constraints, deepest;     // how many there are in all; most blocks of a knot cell
     float mu, comp, sums[3], most[2];  // complementarity; what a pass adds up; largest -by/slack and -by/dual
-    float alpha[2], aim[2];  // step lengths, primal and dual; those that a corrector aims at
-    uint8_t corrections; // centrality correctors of this iteration so far
-    bool lid;            // the start was of no use as an iterate
+    float alpha[2], aim[2];            // step lengths, primal and dual; those that a corrector aims at
+    uint8_t corrections;               // centrality correctors of this iteration so far
+    bool lid;                          // the start was of no use as an iterate
     bool safe;
 };
 
@@ -158,7 +162,8 @@ enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t 
 enum canopy_status canopy_tighten_step(struct canopy_tighten *tighten, uint32_t budget);
 
 /// How far the published surface's mean gap is from the tightest possible at most, as a fraction of the latter: 0.02 is
-/// 2 %. Rounding is on the safe side. A huge number while nothing is known. From a field: of the program on the nodes.
+/// 2 %. Rounding is on the safe side. 1e30 while nothing is known. 0 also where the start, being no solution of the
+/// program (it has pits), is tighter than all that are. From a field: of the program on the nodes.
 float canopy_tighten_excess(const struct canopy_tighten *tighten);
 
 #endif

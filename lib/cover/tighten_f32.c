@@ -7,17 +7,19 @@
 #include "lib/num/fixed.h"
 
 #define PITS 7
-#define SIDES 2              // of the reach: floor and ceiling
-#define FRESH 0.2f           // the first iterate stands this much above the start
-#define LID 1.1f             // or it is this flat one
-#define RIDGE 1e-6f          // added to the matrix, of its mean diagonal
-#define CORRECTORS 2         // centrality correctors an iteration, at most
-#define AIM 0.3f             // by how much longer a step a corrector aims at …
-#define WORTH 0.1f           // … and which part of it makes it worth taking
-#define SHORT 0.95f          // how much of the way to the boundary is gone
-#define ENOUGH 5e-4f         // of the mean gap: complementarity at which it ends
-#define STALLED 1e-4f        // as do steps that are both shorter
-#define EDGE_LIMIT (1 << 24) // edges of a float frame are whole quanta within +- this
+#define SIDES 2               // of the reach: floor and ceiling
+#define FRESH 0.2f            // the first iterate stands this much above the start
+#define LID 1.1f              // or it is this flat one
+#define RIDGE 1e-6f           // added to the matrix, of its mean diagonal
+#define CORRECTORS 2          // centrality correctors an iteration, at most
+#define AIM 0.3f              // by how much longer a step a corrector aims at …
+#define WORTH 0.1f            // … and which part of it makes it worth taking
+#define SHORT 0.95f           // how much of the way to the boundary is gone
+#define ENOUGH 5e-4f          // of the mean gap: complementarity at which it ends
+#define STALLED 1e-4f         // as do steps that are both shorter
+#define SPARE 0.5f            // how far a candidate may be raised
+#define START_SPARE 4.0f      // and a start
+#define EDGE_LIMIT (1 << 24)  // edges of a float frame are whole quanta within +- this
 
 static float larger(float a, float b) { return a > b ? a : b; }
 static float smaller(float a, float b) { return a < b ? a : b; }
@@ -44,9 +46,8 @@ enum canopy_status canopy_tighten_init(struct canopy_tighten *tighten, const str
     t->first = canopy_arena_take(&cut, 4 * (cells + 1));
     t->half_low = canopy_arena_take(&cut, 16 * cells);
     t->matrix = canopy_arena_take(&cut, unknowns * CANOPY_TIGHTEN_BAND(n));
-    float **const vectors[] = {&t->cost,       &t->x,          &t->step,      &t->affine,    &t->g[0],
-                               &t->g[1],       &t->dual[0],    &t->dual[1],   &t->dual_by[0], &t->dual_by[1],
-                               &t->target[0],  &t->target[1]};
+    float **const vectors[] = {&t->cost,    &t->x,       &t->step,       &t->affine,     &t->g[0],      &t->g[1],
+                               &t->dual[0], &t->dual[1], &t->dual_by[0], &t->dual_by[1], &t->target[0], &t->target[1]};
     for (size_t k = 0; k < sizeof vectors / sizeof vectors[0]; k++) {
         *vectors[k] = canopy_arena_take(&cut, unknowns);
     }
@@ -167,9 +168,7 @@ static enum canopy_status place(const struct canopy_tighten *t, const struct sou
     return from->f32 != NULL ? place_f32(&t->frame, from->f32[i], to) : place_fx(&t->frame, from->fx[i], to);
 }
 
-static uint32_t cell_count(const struct canopy_tighten *t) {
-    return (t->frame.size[0] - 1U) * (t->frame.size[1] - 1U);
-}
+static uint32_t cell_count(const struct canopy_tighten *t) { return (t->frame.size[0] - 1U) * (t->frame.size[1] - 1U); }
 
 // First look: how many in each cell, and how high.
 static enum canopy_status count_points(struct canopy_tighten *t, const struct source *from) {
@@ -218,7 +217,9 @@ static void clear_lanes(struct canopy_tighten_lanes *lanes) {
     }
 }
 
-static float height_of(const struct canopy_tighten *t, int32_t height) { return (float)(height - t->low) * t->per_step; }
+static float height_of(const struct canopy_tighten *t, int32_t height) {
+    return (float)(height - t->low) * t->per_step;
+}
 
 // A sum that does not lose the small beside the large (Neumaier).
 struct sum {
@@ -334,8 +335,7 @@ static enum canopy_status load(struct canopy_tighten *t, const struct source *fr
 enum canopy_status canopy_tighten_points_f32(struct canopy_tighten *tighten, const float (*points)[3], size_t count) {
     const struct canopy_frame *frame = &tighten->frame;
     for (int a = 0; a < 2; a++) {
-        if (frame->origin[a] < -EDGE_LIMIT ||
-            frame->origin[a] + (int64_t)canopy_frame_width(frame, a) > EDGE_LIMIT) {
+        if (frame->origin[a] < -EDGE_LIMIT || frame->origin[a] + (int64_t)canopy_frame_width(frame, a) > EDGE_LIMIT) {
             return CANOPY_ARGUMENT;
         }
     }
@@ -358,8 +358,8 @@ enum canopy_status canopy_tighten_field(struct canopy_tighten *tighten, const st
     }
     tighten->field = field;
     tighten->certify = certify;
-    const size_t nodes = CANOPY_TIGHTEN_NODES(field->frame.size[0], field->frame.size[1], field->axis[0].cells,
-                                              field->axis[1].cells);
+    const size_t nodes =
+        CANOPY_TIGHTEN_NODES(field->frame.size[0], field->frame.size[1], field->axis[0].cells, field->axis[1].cells);
     return load(tighten, &(struct source){.field = field, .count = nodes});
 }
 
@@ -377,14 +377,14 @@ static float gap_of(const struct canopy_tighten *t, const int32_t *b) {
     return gap.high + gap.low;
 }
 
-// The evaluation's error grows with the coefficients.
-static float error_of(const struct canopy_tighten *t, const int32_t *b) {
+// The largest coefficient that an occupied cell can see, and something to rise by.
+static float reach_of(const struct canopy_tighten *t, const int32_t *b, float spare) {
     const size_t count = canopy_tighten_coefficients(t);
-    float most = CANOPY_TIGHTEN_ERROR_REACH;
+    float most = 0;
     for (size_t j = 0; j < count; j++) {
-        most = t->seen[j] ? larger(most, 2.0f * fabsf(coefficient_of(t, b[j]))) : most;
+        most = t->seen[j] ? larger(most, fabsf(coefficient_of(t, b[j]))) : most;
     }
-    return CANOPY_TIGHTEN_ERROR * (most / CANOPY_TIGHTEN_ERROR_REACH);
+    return most + spare;
 }
 
 static void publish(struct canopy_tighten *t, float gap) {
@@ -402,8 +402,7 @@ static void to_candidate(struct canopy_tighten *t) {
 // ---- The reach: floor and ceiling of every coefficient, as constraints like the others
 
 static inline float reach_slack(const struct canopy_tighten *t, int side, size_t j) {
-    return larger(side == 0 ? t->x[j] - CANOPY_TIGHTEN_FLOOR : CANOPY_TIGHTEN_CEILING - t->x[j],
-                  CANOPY_TIGHTEN_LEAST);
+    return larger(side == 0 ? t->x[j] - CANOPY_TIGHTEN_FLOOR : CANOPY_TIGHTEN_CEILING - t->x[j], CANOPY_TIGHTEN_LEAST);
 }
 
 static inline float sign_of(int side) { return side == 0 ? 1.0f : -1.0f; }
@@ -487,7 +486,7 @@ static bool mend(struct canopy_tighten *t, int32_t *b) {
 
 static void step_start(struct canopy_tighten *t) {
     const uint32_t rows = t->frame.size[0] - 1U;
-    if (!canopy_tighten_raise_row(t, t->b, error_of(t, t->b), t->row++)) {
+    if (!canopy_tighten_raise_row(t, t->b, reach_of(t, t->b, START_SPARE), t->row++)) {
         publish_lid(t);
         t->row = rows;
     }
@@ -616,6 +615,43 @@ static void step_reach(struct canopy_tighten *t) {
     }
 }
 
+// ---- The end: what is free is bent as little as possible
+
+static void begin_bend(struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
+    memset(t->matrix, 0, 4 * count * CANOPY_TIGHTEN_BAND(t->frame.size[1]));
+    memset(t->step, 0, 4 * count);
+    bool any = false;
+    for (size_t j = 0; j < count; j++) {
+        t->x[j] = coefficient_of(t, t->b[j]);
+        any = any || !t->seen[j];
+    }
+    t->row = 0;
+    t->stage = any ? CANOPY_TIGHTEN_BEND : CANOPY_TIGHTEN_DONE;
+}
+
+static void bend_row(struct canopy_tighten *t) {
+    canopy_tighten_bend_row(t, t->row);
+    if (++t->row == t->frame.size[0]) {
+        canopy_tighten_bend_finish(t);
+        t->row = 0;
+        t->stage = CANOPY_TIGHTEN_BEND_FACTOR;
+    }
+}
+
+static void finish_bend(struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
+    canopy_tighten_solve(t->matrix, t->frame.size[1], (uint32_t)count, t->step);
+    for (size_t j = 0; j < count; j++) {
+        if (!t->seen[j] && t->step[j] >= CANOPY_TIGHTEN_FLOOR && t->step[j] <= CANOPY_TIGHTEN_CEILING) {
+            t->b[j] = t->low + (int32_t)(t->step[j] * t->range);
+        }
+    }
+    t->stage = CANOPY_TIGHTEN_DONE;
+}
+
+// ---- The step
+
 // False where rounding has eaten the step: it leads out of the reach, or nowhere.
 static bool is_sound(const struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
@@ -632,7 +668,7 @@ static bool is_sound(const struct canopy_tighten *t) {
 static void take_step(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
     if (!is_sound(t)) {
-        t->stage = CANOPY_TIGHTEN_DONE;
+        begin_bend(t);
         return;
     }
     for (size_t j = 0; j < count; j++) {
@@ -739,7 +775,7 @@ static void compare(struct canopy_tighten *t) {
     const bool ends = t->iterations >= CANOPY_TIGHTEN_ITERATIONS || t->comp * t->range < ENOUGH * t->mean_gap ||
                       (t->alpha[0] < STALLED && t->alpha[1] < STALLED);
     if (ends) {
-        t->stage = CANOPY_TIGHTEN_DONE;
+        begin_bend(t);
     } else {
         begin_pass(t, CANOPY_TIGHTEN_MEASURE);
     }
@@ -755,12 +791,12 @@ static void factor_row(struct canopy_tighten *t) {
     const uint32_t n = t->frame.size[1];
     canopy_tighten_factor(t->matrix, n, t->row * n, (t->row + 1) * n);
     if (++t->row == t->frame.size[0]) {
-        t->stage = CANOPY_TIGHTEN_PREDICT;
+        t->stage = t->stage == CANOPY_TIGHTEN_FACTOR ? CANOPY_TIGHTEN_PREDICT : CANOPY_TIGHTEN_BEND_SOLVE;
     }
 }
 
 static void raise_candidate(struct canopy_tighten *t) {
-    if (!canopy_tighten_raise_row(t, t->candidate, error_of(t, t->candidate), t->row++)) {
+    if (!canopy_tighten_raise_row(t, t->candidate, reach_of(t, t->candidate, SPARE), t->row++)) {
         memcpy(t->candidate, t->b, 4 * canopy_tighten_coefficients(t));  // not this one
         t->row = t->frame.size[0] - 1U;
     }
@@ -779,6 +815,7 @@ static void step_once(struct canopy_tighten *t) {
     case CANOPY_TIGHTEN_START: step_start(t); break;
     case CANOPY_TIGHTEN_SLACKS: pass_row(t, CANOPY_TIGHTEN_PASS_SLACKS) ? finish_slacks(t) : (void)0; break;
     case CANOPY_TIGHTEN_MEASURE: pass_row(t, CANOPY_TIGHTEN_PASS_MEASURE) ? finish_measure(t) : (void)0; break;
+    case CANOPY_TIGHTEN_BEND_FACTOR:
     case CANOPY_TIGHTEN_FACTOR: factor_row(t); break;
     case CANOPY_TIGHTEN_PREDICT: predict(t); break;
     case CANOPY_TIGHTEN_AFFINE: pass_row(t, CANOPY_TIGHTEN_PASS_AFFINE) ? finish_affine(t) : (void)0; break;
@@ -790,6 +827,8 @@ static void step_once(struct canopy_tighten *t) {
     case CANOPY_TIGHTEN_ACCEPT: pass_row(t, CANOPY_TIGHTEN_PASS_ACCEPT) ? finish_accept(t) : (void)0; break;
     case CANOPY_TIGHTEN_PUBLISH: raise_candidate(t); break;
     case CANOPY_TIGHTEN_COMPARE: compare(t); break;
+    case CANOPY_TIGHTEN_BEND: bend_row(t); break;
+    case CANOPY_TIGHTEN_BEND_SOLVE: finish_bend(t); break;
     default: break;
     }
 }
@@ -810,5 +849,5 @@ float canopy_tighten_excess(const struct canopy_tighten *tighten) {
     }
     // the published mean gap is a sum of 16 roundings a coefficient of weights that are off as those of the bound are
     const float off = 0x1p-24f * (float)(160 + tighten->deepest / 8) * tighten->range;
-    return (tighten->mean_gap + off - tighten->bound) / tighten->bound;
+    return larger((tighten->mean_gap + off - tighten->bound) / tighten->bound, 0.0f);
 }

@@ -10,10 +10,10 @@
 // The program's unit is the range of heights, its zero the lowest. Coefficients stay within the reach.
 #define CANOPY_TIGHTEN_FLOOR -1.0f
 #define CANOPY_TIGHTEN_CEILING 2.0f
-#define CANOPY_TIGHTEN_NONE -8.0f  // the bound of a constraint that is none; below all others
-#define CANOPY_TIGHTEN_LEAST 1e-8f // least slack: what rounding may take from a slack that is positive in truth
+#define CANOPY_TIGHTEN_NONE -8.0f   // the bound of a constraint that is none; below all others
+#define CANOPY_TIGHTEN_LEAST 1e-8f  // least slack: what rounding may take from a slack that is positive in truth
 
-// How far a surface evaluated here may be from the true one, coefficients within +-2.5. Per axis: coefficients to floats
+// How far a surface evaluated here may be from the true one, coefficients within +-2.5 (else in proportion). Per axis: coefficients to floats
 // 3 roundings, to Bernstein form 6, weights from s 4, the sum 8; times two axes less what they share, under 40 roundings
 // of 2^-24 * 2.5: 100. A point's place is off by 3 * 2^-24 per axis, times a slope of up to 5: 30; z is rounded by 2.
 // Together under 2^-16, with twice as much to spare below that.
@@ -44,8 +44,13 @@ void canopy_tighten_pass(struct canopy_tighten *t, enum canopy_tighten_pass pass
 void canopy_tighten_tables(struct canopy_tighten *t);
 void canopy_tighten_weigh(struct canopy_tighten *t, uint32_t row);
 
-// Looks at every constraint of a row of knot cells from whole coefficients and raises what is missing. False if a
-// coefficient left its limit.
-bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float error, uint32_t row);
+// Looks at every constraint of a row of knot cells from whole coefficients and raises what is missing. `reach` bounds
+// the coefficients of all occupied cells, before and after; false if one came to be larger.
+bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float reach, uint32_t row);
+
+// The bending energy of the free coefficients, x holding the others: a row of it into matrix and `step`, which are
+// zero before the first; then what makes it regular. Its minimum is what canopy_tighten_solve then gives.
+void canopy_tighten_bend_row(struct canopy_tighten *t, uint32_t i);
+void canopy_tighten_bend_finish(struct canopy_tighten *t);
 
 #endif

@@ -535,8 +535,9 @@ static float missing_in(const struct canopy_tighten *t, uint32_t index, const st
     return missing;
 }
 
-bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float error, uint32_t row) {
+bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float reach, uint32_t row) {
     const uint32_t cells = t->frame.size[1] - 1U;
+    const float error = CANOPY_TIGHTEN_ERROR * larger(reach / CANOPY_TIGHTEN_ERROR_REACH, 1.0f);
     for (uint32_t w = 0; w < cells; w++) {
         const uint32_t index = row * cells + w;
         if (t->first[index] == t->first[index + 1]) {
@@ -553,6 +554,9 @@ bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float 
         if (missing <= 0) {
             continue;
         }
+        if (missing > 2.0f * reach) {
+            return false;
+        }
         const int32_t by = (int32_t)ceilf(missing * t->range) + 1;
         for (int a = 0; a < 16; a++) {
             bool again = false;  // a repeated end coefficient is raised once
@@ -560,7 +564,8 @@ bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float 
                 again = again || cell.index[c] == cell.index[a];
             }
             b[cell.index[a]] += again ? 0 : by;
-            if (b[cell.index[a]] > CANOPY_COEFFICIENT_LIMIT) {
+            if (b[cell.index[a]] > CANOPY_COEFFICIENT_LIMIT ||
+                (float)(b[cell.index[a]] - t->low) * t->per_step > reach) {
                 return false;
             }
         }
