@@ -24,7 +24,7 @@
 /// a y. canopy_tighten_excess gives the best so far as "at most that far from the tightest possible".
 ///
 /// A coefficient that no occupied knot cell can see is free and shapes nothing that is covered: it stays as the start
-/// has it, and at the end all free ones take the values of least bending energy beside the others.
+/// has it, and at the end all free ones take the values of least bending energy beside the others, kept within the reach.
 ///
 /// From a field (canopy_tighten_field) the points are the field's nodes, each as high as the highest cell around it.
 /// That is no certificate of what lies between nodes, so canopy_certify mends every candidate before it counts.
@@ -70,7 +70,7 @@ struct canopy_tighten_block {
      CANOPY_ARENA_ROUND(4U * (CANOPY_TIGHTEN_CELLS(m, n) + 1U)) +                                                      \
      CANOPY_ARENA_ROUND(16U * CANOPY_TIGHTEN_CELLS(m, n)) +                                                            \
      CANOPY_ARENA_ROUND(4U * (size_t)(m) * (size_t)(n)*CANOPY_TIGHTEN_BAND(n)) +                                       \
-     14U * CANOPY_ARENA_ROUND(4U * (size_t)(m) * (size_t)(n)) + CANOPY_ARENA_ROUND((size_t)(m) * (size_t)(n)))
+     13U * CANOPY_ARENA_ROUND(4U * (size_t)(m) * (size_t)(n)) + CANOPY_ARENA_ROUND((size_t)(m) * (size_t)(n)))
 #define CANOPY_TIGHTEN_CELLS(m, n) (((size_t)(m)-1U) * ((size_t)(n)-1U))
 
 /// Points that a field of cu x cv cells a knot interval makes at most: its nodes.

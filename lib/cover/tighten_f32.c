@@ -21,6 +21,7 @@
 #define START_SPARE 4.0f      // and a start
 #define EDGE_LIMIT (1 << 24)  // edges of a float frame are whole quanta within +- this
 
+// The second where the first is no number.
 static float larger(float a, float b) { return a > b ? a : b; }
 static float smaller(float a, float b) { return a < b ? a : b; }
 
@@ -643,8 +644,9 @@ static void finish_bend(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
     canopy_tighten_solve(t->matrix, t->frame.size[1], (uint32_t)count, t->step);
     for (size_t j = 0; j < count; j++) {
-        if (!t->seen[j] && t->step[j] >= CANOPY_TIGHTEN_FLOOR && t->step[j] <= CANOPY_TIGHTEN_CEILING) {
-            t->b[j] = t->low + (int32_t)(t->step[j] * t->range);
+        if (!t->seen[j]) {
+            const float x = smaller(larger(t->step[j], CANOPY_TIGHTEN_FLOOR), CANOPY_TIGHTEN_CEILING);
+            t->b[j] = t->low + (int32_t)(x * t->range);
         }
     }
     t->stage = CANOPY_TIGHTEN_DONE;
