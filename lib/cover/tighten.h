@@ -29,7 +29,7 @@
 /// From a field (canopy_tighten_field) the points are the field's nodes, each as high as the highest cell around it.
 /// That is no certificate of what lies between nodes, so canopy_certify mends every candidate before it counts.
 ///
-/// Heights are steps in the library's orientation: above, mirrored for the side below.
+/// Heights are steps in the library's orientation: above, mirrored for the side below. Stack: 4 KB.
 #ifndef CANOPY_COVER_TIGHTEN_H
 #define CANOPY_COVER_TIGHTEN_H
 

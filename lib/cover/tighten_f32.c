@@ -157,8 +157,9 @@ static enum canopy_status place_node(const struct canopy_field *field, size_t no
     }
     const uint32_t cu = field->axis[0].cells, cv = field->axis[1].cells;
     to->cell = row / cu * (columns / cv) + column / cv;
-    to->s[0] = (float)(r - row / cu * cu) / (float)cu;
-    to->s[1] = (float)(c - column / cv * cv) / (float)cv;
+    const uint32_t down = r - row / cu * cu, across = c - column / cv * cv;
+    to->s[0] = (float)down / (float)cu;
+    to->s[1] = (float)across / (float)cv;
     return CANOPY_OK;
 }
 
@@ -524,7 +525,8 @@ static void finish_slacks(struct canopy_tighten *t) {
 // pieces of 16 blocks; a dual or cost sum is off by `rounding` of itself, a slack by the evaluation's error.
 static void find_bound(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
-    const float rounding = 0x1p-24f * (float)(80 + t->deepest / 16);
+    const uint32_t depth = 80 + t->deepest / 16;
+    const float rounding = 0x1p-24f * (float)depth;
     struct sum lost = {0, 0}, gap = {-t->height_mean, 0}, duals = {0, 0};
     for (size_t j = 0; j < count; j++) {
         const float c = t->cost[j], y = t->g[0][j], r = c - y;
@@ -850,6 +852,7 @@ float canopy_tighten_excess(const struct canopy_tighten *tighten) {
         return 1e30f;
     }
     // the published mean gap is a sum of 16 roundings a coefficient of weights that are off as those of the bound are
-    const float off = 0x1p-24f * (float)(160 + tighten->deepest / 8) * tighten->range;
+    const uint32_t depth = 160 + tighten->deepest / 8;
+    const float off = 0x1p-24f * (float)depth * tighten->range;
     return larger((tighten->mean_gap + off - tighten->bound) / tighten->bound, 0.0f);
 }

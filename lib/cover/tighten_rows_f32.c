@@ -125,6 +125,11 @@ struct basis {
     float u[4][LANES], v[4][LANES];
 };
 
+static void find_basis(const struct canopy_tighten_block *block, struct basis *to) {
+    weights(block->s, to->u);
+    weights(block->t, to->v);
+}
+
 static void evaluate(const struct cell *restrict cell, const struct basis *restrict w, float *restrict value) {
     float sum[LANES] = {0};
     for (int i = 0; i < 4; i++) {
@@ -430,8 +435,7 @@ static void pass_cell(struct canopy_tighten *t, enum canopy_tighten_pass pass, u
         struct canopy_tighten_block *block = &t->blocks[k];
         struct basis w;
         float at[LANES];
-        weights(block->s, w.u);
-        weights(block->t, w.v);
+        find_basis(block, &w);
         evaluate(cell, &w, at);
         pass_lanes(t, pass, &block->lanes, at, &to);
         if (gathers) {
@@ -486,8 +490,7 @@ void canopy_tighten_weigh(struct canopy_tighten *t, uint32_t row) {
         for (uint32_t k = t->first[index]; k < t->first[index + 1]; k++) {
             struct basis basis;
             float one[LANES];
-            weights(t->blocks[k].s, basis.u);
-            weights(t->blocks[k].t, basis.v);
+            find_basis(&t->blocks[k], &basis);
             for (int l = 0; l < LANES; l++) {
                 one[l] = on(t->blocks[k].lanes.z[l]);
             }
@@ -522,8 +525,7 @@ static float missing_in(const struct canopy_tighten *t, uint32_t index, const st
         const struct canopy_tighten_block *block = &t->blocks[k];
         struct basis w;
         float at[LANES];
-        weights(block->s, w.u);
-        weights(block->t, w.v);
+        find_basis(block, &w);
         evaluate(cell, &w, at);
         for (int l = 0; l < LANES; l++) {
             lanes[l] = larger(lanes[l], block->lanes.z[l] - at[l]);

@@ -153,7 +153,7 @@ static bool one(const json_t *oracle, const char *name, const struct canopy_load
     const double gap = 100 * json_number_value(json_object_get(best, "mean_gap"));
     const double solver = json_number_value(json_object_get(best, "solver_s"));
     struct run run = {.near_gap = NEAR * gap};
-    struct canopy_tighten t;
+    struct canopy_tighten t = {0};
     void *arena = NULL;
     const bool ok = fit(points, size, side, &run, &t, &arena, fault);
     if (ok) {
