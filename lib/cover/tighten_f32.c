@@ -535,7 +535,9 @@ static void find_bound(struct canopy_tighten *t) {
         add(&gap, c * t->x[j]);
         add(&duals, y);
     }
-    const float slack = t->comp + rounding * (1.0f + t->comp) + CANOPY_TIGHTEN_ERROR * duals.high;
+    // the complementarity is added up lane by lane and cell by cell
+    const uint32_t length = 160 + t->deepest + CANOPY_TIGHTEN_LANES * cell_count(t);
+    const float slack = t->comp + 0x1p-24f * (float)length * t->comp + rounding + CANOPY_TIGHTEN_ERROR * duals.high;
     const float bound = ((gap.high - lost.high) - slack) + (gap.low - lost.low);
     t->bound = bound * t->range > t->bound ? bound * t->range : t->bound;  // also where it is no number
 }
