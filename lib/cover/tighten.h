@@ -29,8 +29,8 @@
 /// From a field (canopy_tighten_field) the points are the field's nodes, each as high as the highest cell around it.
 /// That is no certificate of what lies between nodes, so canopy_certify mends every candidate before it counts.
 /// Its bound leaves out convex bends, of which the tightest surfaces are full: so far the mend costs more than was
-/// gained wherever the start is the fast method's (scans at Q = 4 and 8), which then stays as it is. A start that is
-/// loose, such as the last envelope raised over new points, is tightened.
+/// gained where the start is the fast method's (scans at Q = 4 and 8), which then stays as it is. Looser starts are
+/// tightened.
 ///
 /// Heights are steps in the library's orientation: above, mirrored for the side below. Stack: 4 KB.
 #ifndef CANOPY_COVER_TIGHTEN_H
