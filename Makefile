@@ -23,7 +23,7 @@ endif
 
 LIB_SOURCES := $(sort $(wildcard lib/*/*.c))
 TOOL_SHARED := $(sort $(wildcard tools/common/*.c))
-TOOL_DIRS := $(sort $(filter-out common bench,$(notdir $(patsubst %/,%,$(dir $(wildcard tools/*/*.c))))))
+TOOL_DIRS := $(sort $(filter-out common bench tightness,$(notdir $(patsubst %/,%,$(dir $(wildcard tools/*/*.c))))))
 PORT_LINUX := $(sort $(wildcard port/linux/*.c))
 CANOPYD := $(sort $(wildcard boards/linux/*.c))
 UNIT_SOURCES := $(sort $(wildcard hosttest/unit/test_*.c))
@@ -108,6 +108,9 @@ $(1): $(patsubst %.c,$(HOST)/obj/%.o,$(2)) $(HOST_ARCHIVES)
 endef
 $(foreach t,$(TOOL_DIRS),$(eval $(call program,$(HOST)/$(call program_name,$(t)),$(sort $(wildcard tools/$(t)/*.c)))))
 $(eval $(call program,$(HOST)/canopyd,$(CANOPYD)))
+
+# How tight is tight, against the optimum: canopy-tightness ORACLE.json NAME=POINTS...
+$(eval $(call program,$(HOST)/canopy-tightness,$(sort $(wildcard tools/tightness/*.c)) tools/canopy/load.c tools/canopy/surface.c))
 
 # What `make bench` runs: the command's own fit against the floor, and the peer that is written in C++
 $(eval $(call program,$(HOST)/canopy-bench,$(sort $(wildcard tools/bench/*.c))))
