@@ -8,6 +8,7 @@ import json
 import math
 import os
 import random
+import re
 import struct
 import subprocess
 from fractions import Fraction
@@ -143,6 +144,43 @@ def test_real_scans(tmp_path, name):
         assert verdict["wrong_side"] == verdict["outside_frame"] == 0
         if name == "bun000.xyz" and not options:
             assert 100 * verdict["mean_gap"] < 4.7
+
+
+def gap_of(line):
+    return float(re.search(r"mean gap ([0-9.e+-]+)%", line).group(1))
+
+
+@pytest.mark.parametrize("scalar", ["f32", "fx"])
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_tight_is_tighter_than_fast_and_safe(tmp_path, scene, scalar, side):
+    _, fast = fit(tmp_path, scene, "--scalar", scalar, "--side", side)
+    out, tight = fit(tmp_path, scene, "--scalar", scalar, "--side", side, "--method", "tight")
+    assert re.search(r"tight \(at most [0-9.]+% from the tightest possible\)", tight)
+    assert gap_of(tight) < gap_of(fast)
+    verdict = judge(out, scene)
+    if verdict:
+        assert verdict["wrong_side"] == verdict["outside_frame"] == 0
+
+
+def test_tight_fits_from_the_points(tmp_path, scene):
+    done = canopy("fit", scene, "--grid", "8x8", "--method", "tight", "--field", "4")
+    assert done.returncode == 64 and "--field" in done.stderr
+
+
+@needs_scans
+@needs_referee
+@pytest.mark.parametrize("side", ["above", "below"])
+@pytest.mark.parametrize("name", ["bun000", "chin", "rocker-arm"])
+def test_tight_reaches_the_optimum(tmp_path, name, side):
+    """Within 2 % of the linear program's, which data/oracle.json has; and what it says of itself is true."""
+    optimum = json.loads((SHARED / "data" / "oracle.json").read_text())[f"{name} 20x20 {side}"]["mean_gap"]
+    points = SHARED / "data" / f"{name}.xyz"
+    out, line = fit(tmp_path, points, "--method", "tight", "--side", side, grid="20x20")
+    verdict = judge(out, points)
+    assert verdict["wrong_side"] == verdict["outside_frame"] == 0
+    assert verdict["mean_gap"] <= 1.02 * optimum
+    claimed = float(re.search(r"at most ([0-9.]+)% from", line).group(1)) / 100
+    assert verdict["mean_gap"] <= (1 + 1.05 * claimed + 1e-3) * optimum
 
 
 def test_frame_is_the_smallest_on_the_quantum(tmp_path, scene):

@@ -1,7 +1,6 @@
-"""The numbers the project promises, as limits: a change that breaks one is seen by `make test`, not by the next reader of a
-table. `make bench` measures them at length; flash, RAM and stack are held to their budgets by `make size` and `make stack`."""
-
-# runs alone: it takes times
+"""The repeatable numbers the project promises, as limits: a change that breaks one is seen by `make test`, not by the next
+reader of a table. Times are for `make bench` alone; flash, RAM and stack are held to their budgets by `make size` and
+`make stack`."""
 
 import json
 import os
@@ -19,11 +18,9 @@ BUILD = BUILD if BUILD.is_absolute() else ROOT / BUILD
 sys.path.insert(0, str(ROOT / "tools" / "bench"))
 
 import peers  # noqa: E402
-import report  # noqa: E402
 from scenes import all_scenes  # noqa: E402
 
 SCENES = {scene.name: scene for scene in all_scenes()}
-ATTEMPTS = 4  # at times: others may have the machine, and nothing makes a fit faster than it is
 
 
 def measure(scene, scratch):
@@ -53,23 +50,6 @@ def test_a_point_costs_a_cortex_m3_at_most_45_instructions(instructions):
 def test_a_refit_with_its_certificate_costs_a_cortex_m3_at_most_4_million(instructions):
     assert of_both_scenes(instructions, "_fit_and_certify") <= 4_000_000
     assert of_both_scenes(instructions, "_refit") <= 4_000_000
-
-
-@pytest.mark.parametrize("name", ["bun000", "terrain"])
-def test_fit_and_certificate_against_the_floor(name, tmp_path):
-    if name not in SCENES:
-        pytest.skip("no scans beside the repository")
-    best = {}
-    for _ in range(ATTEMPTS):
-        for way in measure(SCENES[name], tmp_path):
-            assert way["wrong"] == way["outside"] == 0
-            for part, limit in (("fit", report.FIT_MOST), ("certificate", report.CERTIFICATE_MOST)):
-                key = way["name"], part
-                best[key] = min(best.get(key, 1e9), way[part]["floors"] / limit)
-        if max(best.values()) <= 1:
-            break
-    assert len(best) == 4
-    assert max(best.values()) <= 1, best
 
 
 def test_no_looser_than_the_paper_read_literally(tmp_path):

@@ -142,6 +142,7 @@ static void make_fitting(struct scene *s) {
     s->wish.side = (enum canopy_side)below(s, 2);
     s->wish.fitting.field = cells[below(s, 9)];
     s->wish.fitting.lines = below(s, 2) == 0 ? 0 : s->wish.fitting.field;
+    s->wish.fitting.tight = s->wish.fitting.field == 0 && below(s, 4) == 0;
 }
 
 static struct scene make_scene(uint64_t seed) {
@@ -257,6 +258,7 @@ static void use_frame(struct scene *s, const struct canopy_surrogate *frame) {
     do {
         make_fitting(s);
     } while (has_no_room(s));
+    s->wish.fitting.tight = false;  // it asks for cell edges of 24 bits, which a file's frame need not have
     struct canopy_surrogate back;
     fit_and_judge(s, &back);
     assert_memory_equal(back.axes, frame->axes, sizeof back.axes);

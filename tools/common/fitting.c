@@ -5,6 +5,7 @@
 #include "lib/cover/certify.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/field.h"
+#include "lib/cover/tighten.h"
 #include "tools/common/stopwatch.h"
 
 #define FIELD_BYTES_MOST (64U << 20)  // of a field that a fit from points chooses itself
@@ -77,8 +78,41 @@ static bool solve(const struct canopy_turned *turned, bool from_field, struct ca
         ok = certify_field(field, coefficients, fault);
         report->field_ms = canopy_stopwatch_ms() - start;
     }
-    canopy_fast_orient(&field->frame, coefficients);
     return ok;
+}
+
+/// Takes the points into the tightening.
+static enum canopy_status load(const struct canopy_turned *turned, struct canopy_tighten *tighten) {
+    return turned->scalar == CANOPY_F32
+               ? canopy_tighten_points_f32(tighten, (const float(*)[3]) & turned->points[0].f32, turned->count)
+               : canopy_tighten_points_fx(tighten, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
+}
+
+/// Tightens what `fast` gave. Its coefficients are not proved yet, so they are raised where they must be first.
+static bool tighten(const struct canopy_turned *turned, const struct canopy_frame *frame, int32_t *coefficients,
+                    struct canopy_fitting_report *report, struct canopy_fault *fault) {
+    const size_t bytes = CANOPY_TIGHTEN_ARENA(frame->size[0], frame->size[1], turned->count);
+    void *arena = malloc(bytes);
+    if (!arena) {
+        return canopy_fault_no_memory(fault);
+    }
+    struct canopy_tighten tightening;
+    enum canopy_status status = canopy_tighten_init(&tightening, frame, turned->count, arena, bytes);
+    if (status == CANOPY_OK) {
+        status = load(turned, &tightening);
+    }
+    if (status == CANOPY_OK) {
+        status = canopy_tighten_begin(&tightening, coefficients, false);
+    }
+    if (status == CANOPY_OK) {
+        while (canopy_tighten_step(&tightening, UINT32_MAX) == CANOPY_MORE) {}
+        report->iterations = tightening.iterations;
+        report->excess = (double)canopy_tighten_excess(&tightening);
+    }
+    free(arena);
+    return status == CANOPY_OK ||
+           canopy_fault_set(fault, "the points cannot be tightened in this frame: choose --method fast or another "
+                                   "--frame");
 }
 
 bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
@@ -99,7 +133,9 @@ bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_
                canopy_fast_init(&fast, &field, turned->scalar, r.lines, fast_arena, fast_bytes) != CANOPY_OK) {
         canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
     } else {
-        ok = solve(turned, fitting->field > 0, &field, &fast, coefficients, report, fault);
+        ok = solve(turned, fitting->field > 0, &field, &fast, coefficients, report, fault) &&
+             (!fitting->tight || tighten(turned, frame, coefficients, report, fault));
+        canopy_fast_orient(frame, coefficients);
     }
     free(field_arena);
     free(fast_arena);

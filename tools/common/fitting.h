@@ -14,16 +14,18 @@
 struct canopy_fitting {
     uint16_t field;  ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
     uint16_t lines;  ///< with a field: lines a knot interval of u, a divisor of `field`; 0: one
+    bool tight;      ///< from the points only: what `fast` gives is tightened as far as it goes
 };
 
 struct canopy_fitting_report {
-    uint32_t iterations;  ///< banded solves
+    uint32_t iterations;  ///< banded solves, or iterations of the tightening
     uint32_t unsettled;   ///< lines that did not end by themselves
     double field_ms;      ///< the field's own certificate
+    double excess;        ///< tightened: the mean gap is proved to be within this part of the least possible
 };
 
 /// Fits into coefficients[size[0] * size[1]]: heights in the frame's steps, for either side. Memory: the field, at most
-/// 64 MB unless it is wished larger.
+/// 64 MB unless it is wished larger; tightening, 28 bytes a point and CANOPY_TIGHTEN_ARENA's matrix beside it.
 bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
                         const struct canopy_fitting *fitting, int32_t *coefficients,
                         struct canopy_fitting_report *report, struct canopy_fault *fault);
