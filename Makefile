@@ -110,7 +110,7 @@ $(foreach t,$(TOOL_DIRS),$(eval $(call program,$(HOST)/$(call program_name,$(t))
 $(eval $(call program,$(HOST)/canopyd,$(CANOPYD)))
 
 # How tight is tight, against the optimum: canopy-tightness ORACLE.json NAME=POINTS...
-$(eval $(call program,$(HOST)/canopy-tightness,$(sort $(wildcard tools/tightness/*.c)) tools/canopy/load.c tools/canopy/surface.c))
+$(eval $(call program,$(HOST)/canopy-tightness,$(sort $(wildcard tools/tightness/*.c))))
 
 # What `make bench` runs: the command's own fit against the floor, and the peer that is written in C++
 $(eval $(call program,$(HOST)/canopy-bench,$(sort $(wildcard tools/bench/*.c))))

@@ -1,6 +1,6 @@
-// Tightening over many small clouds made to hurt, from points and from the field, both scalars, both sides, from safe and
-// from unsafe starts: whatever is published, at any time, has no point on the wrong side in exact arithmetic and no pit,
-// never has a larger gap than before, and no surface has a smaller one than the bound says.
+// Tightening over many small clouds made to hurt, from points and from the field, both scalars, both sides, from safe
+// and from unsafe starts: whatever is published, at any time, has no point on the wrong side in exact arithmetic and no
+// pit, never has a larger gap than before, and no surface has a smaller one than the bound says.
 //
 // CANOPY_CLOUDS sets how many clouds; a failure prints the seed, CANOPY_SEED=n runs that one alone.
 

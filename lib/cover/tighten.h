@@ -1,4 +1,5 @@
-/// Tightening: from any safe surface to nearly the tightest there is, by an interior-point method that can stop anywhere.
+/// Tightening: from any safe surface to nearly the tightest there is, by an interior-point method that can stop
+/// anywhere.
 ///
 /// The tightest safe surface solves a linear program over the m x n coefficients x (cover.md 4):
 ///
@@ -24,7 +25,8 @@
 /// a y. canopy_tighten_excess gives the best so far as "at most that far from the tightest possible".
 ///
 /// A coefficient that no occupied knot cell can see is free and shapes nothing that is covered: it stays as the start
-/// has it, and at the end all free ones take the values of least bending energy beside the others, kept within the reach.
+/// has it, and at the end all free ones take the values of least bending energy beside the others, kept within the
+/// reach.
 ///
 /// From a field (canopy_tighten_field) the points are the field's nodes, each as high as the highest cell around it.
 /// That is no certificate of what lies between nodes, so canopy_certify mends every candidate before it counts.

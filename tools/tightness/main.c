@@ -11,8 +11,8 @@
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/tighten.h"
-#include "tools/canopy/load.h"
-#include "tools/canopy/surface.h"
+#include "tools/common/load.h"
+#include "tools/common/surface.h"
 
 static const char USAGE[] =
     "Usage: canopy-tightness ORACLE.json NAME=POINTS...\n\n"
