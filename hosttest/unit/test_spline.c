@@ -2,6 +2,7 @@
 
 #include "hosttest/unit/unit.h"
 #include "lib/num/fixed.h"
+#include "lib/spline/bezier.h"
 #include "lib/spline/bound.h"
 #include "lib/spline/surface.h"
 
@@ -181,6 +182,44 @@ UNIT(bound_never_falls_when_a_coefficient_rises) {
     }
 }
 
+// De Casteljau's scheme over cell k of q, against the spline itself.
+UNIT(bernstein_coefficients_are_those_of_the_spline) {
+    uint32_t random = 5;
+    for (uint16_t q = 1; q <= 32; q++) {
+        static int32_t table[3 * CANOPY_BEZIER_LATTICE(32)];
+        int32_t b[4];
+        canopy_bezier_weights(table, q);
+        random_grid(random++, b, 4, q % 2 == 0 ? 1 << 28 : 1000);
+        for (uint32_t k = 0; k < q; k++) {
+            double c[4];
+            for (uint32_t i = 0; i < 4; i++) {
+                c[i] = canopy_bezier_floor(b[0], b[1], b[2], b[3], table + 3 * (3 * k + i));
+            }
+            for (int i = 0; i <= 8; i++) {
+                const double t = i / 8.0, r = 1 - t;
+                double w[4];
+                reference_basis((k + t) / q, w);
+                const double there = w[0] * b[0] + w[1] * b[1] + w[2] * b[2] + w[3] * b[3];
+                const double low = r * r * r * c[0] + 3 * r * r * t * c[1] + 3 * r * t * t * c[2] + t * t * t * c[3];
+                CHECK(low <= there + 1e-6 && there < low + 3);
+            }
+        }
+    }
+}
+
+UNIT(bernstein_coefficients_rise_with_the_spline) {
+    static int32_t table[3 * CANOPY_BEZIER_LATTICE(8)];
+    canopy_bezier_weights(table, 8);
+    for (uint32_t p = 0; p < CANOPY_BEZIER_LATTICE(8); p++) {
+        const int32_t *w = table + 3 * p, high = 1 << 28;
+        CHECK(w[0] >= 0 && w[1] >= 0 && w[2] >= 0 && w[0] + w[1] + w[2] <= CANOPY_UNIT_Q30);
+        CHECK_EQ(canopy_bezier_floor(-high, -high, -high, -high, w), -high - 1);
+        CHECK_EQ(canopy_bezier_floor(high, high, high, high, w), high - 1);
+        CHECK_EQ(canopy_bezier_floor(11, 7, -5, 3, w) + 1000, canopy_bezier_floor(1011, 1007, 995, 1003, w));
+    }
+}
+
 UNIT_LIST(spline, basis_is_a_partition_of_one, places_are_inside_their_interval, surface_is_within_its_stated_error,
           gradient_is_the_slope, bound_is_below_the_spline_between_breakpoints,
-          bound_never_falls_when_a_coefficient_rises)
+          bound_never_falls_when_a_coefficient_rises, bernstein_coefficients_are_those_of_the_spline,
+          bernstein_coefficients_rise_with_the_spline)

@@ -36,6 +36,8 @@ enum canopy_status canopy_certify_init(struct canopy_certify *certify, const str
         const uint16_t q = field->axis[a].cells;
         certify->weights[a] = canopy_arena_take(&cut, 12 * (q + 1U));
         make_weights(certify->weights[a], q);
+        certify->lattice[a] = canopy_arena_take(&cut, 12U * CANOPY_BEZIER_LATTICE(q));
+        canopy_bezier_weights(certify->lattice[a], q);
     }
     return CANOPY_OK;
 }
@@ -113,11 +115,47 @@ void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coeffic
 
 static inline int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
 
+// ---- The second chance: Bernstein coefficients over the cell
+
+static inline uint32_t clip(uint32_t i, uint32_t n) { return i < n ? i : n - 1; }
+
+// The least Bernstein coefficient over cell k of a knot interval, of four splines.
+static int32_t least_over(const int32_t rows[4][4], const int32_t *lattice, uint32_t k) {
+    int32_t lowest = INT32_MAX;
+    for (int p = 0; p < 4; p++) {
+        for (int q = 0; q < 4; q++) {
+            const int32_t *b = rows[p];
+            lowest = least(lowest, canopy_bezier_floor(b[0], b[1], b[2], b[3], lattice + 3 * (3 * k + (uint32_t)q)));
+        }
+    }
+    return lowest;
+}
+
+static int32_t least_bernstein(const struct canopy_certify *certify, uint32_t cell) {
+    const struct canopy_field_axis *u = &certify->field->axis[0], *v = &certify->field->axis[1];
+    const uint32_t m = certify->field->frame.size[0], n = certify->field->frame.size[1];
+    const uint32_t row = cell / v->count, column = cell % v->count, h = row / u->cells, w = column / v->cells;
+    const int32_t *lattice = certify->lattice[0] + 9 * (row - h * u->cells);
+    int32_t rows[4][4];
+    for (uint32_t c = 0; c < 4; c++) {
+        const int32_t *b = certify->b + (w + c > 0 ? clip(w + c - 1, n) : 0);
+        const int32_t b0 = b[n * (h > 0 ? h - 1 : 0)], b1 = b[n * h], b2 = b[n * (h + 1)], b3 = b[n * clip(h + 2, m)];
+        for (uint32_t p = 0; p < 4; p++) {
+            rows[p][c] = canopy_bezier_floor(b0, b1, b2, b3, lattice + 3 * p);
+        }
+    }
+    return least_over(rows, certify->lattice[1], column - w * v->cells);
+}
+
 // Takes a cell's bound into account. False, with what is missing, where it is too low.
 static inline bool settle(struct canopy_certify *certify, uint32_t cell, int32_t lowest) {
     const int32_t height = certify->field->heights[cell];
     if (height == CANOPY_NO_HEIGHT) {
         return true;
+    }
+    if (lowest < height) {
+        const int32_t second = least_bernstein(certify, cell);
+        lowest = second > lowest ? second : lowest;
     }
     const int32_t margin = lowest - height;
     if (margin < 0) {

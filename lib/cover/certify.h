@@ -9,7 +9,13 @@
 /// M[k][l], and S lies above the bilinear interpolant of M over each cell, hence above the least of its four corners.
 /// Cells are closed and, where the field is exact, a point is in its cell: S >= that least >= the cell's highest point.
 ///
-/// Work is done a row of cells at a time: Q (n-1) cells, one bound of each coefficient column and one of each node.
+/// l leaves out convex bends, of which the tightest surfaces are full. So where it says too little, the cell has a
+/// second chance: S lies above the least of its 4 x 4 Bernstein coefficients over the cell (bezier.h), which are made in
+/// u first, rounded down, then in v, rounded down. Both bounds hold; the larger counts.
+///
+/// Work is done a row of cells at a time: Q (n-1) cells, one bound of each coefficient column and one of each node. A
+/// second chance is 32 Bernstein coefficients of a spline. What the fast method fits needs none unless the field has
+/// risen since.
 #ifndef CANOPY_COVER_CERTIFY_H
 #define CANOPY_COVER_CERTIFY_H
 
@@ -18,12 +24,15 @@
 
 #include "lib/arena.h"
 #include "lib/cover/field.h"
+#include "lib/spline/bezier.h"
 #include "lib/status.h"
 
 /// Bytes of arena to certify coefficients, n along v, on a field of cu x cv cells a knot interval.
 #define CANOPY_CERTIFY_ARENA(n, cu, cv)                                                                                \
     (CANOPY_ARENA_ROUND(4U * (size_t)(n)) + 2U * CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(n, cv)) +                   \
-     CANOPY_ARENA_ROUND(12U * ((size_t)(cu) + 1U)) + CANOPY_ARENA_ROUND(12U * ((size_t)(cv) + 1U)))
+     CANOPY_ARENA_ROUND(12U * ((size_t)(cu) + 1U)) + CANOPY_ARENA_ROUND(12U * ((size_t)(cv) + 1U)) +                   \
+     CANOPY_ARENA_ROUND(12U * CANOPY_BEZIER_LATTICE((size_t)(cu))) +                                                   \
+     CANOPY_ARENA_ROUND(12U * CANOPY_BEZIER_LATTICE((size_t)(cv))))
 
 struct canopy_certify {
     const struct canopy_field *field;
@@ -31,6 +40,7 @@ struct canopy_certify {
     int32_t *column;       // L of one node row
     int32_t *low, *high;   // M of the node rows below and above the present row of cells
     int32_t *weights[2];   // Q30 tables of u and v: s, (1-s)^3/6 and s^3/6 rounded up
+    int32_t *lattice[2];   // tables of canopy_bezier_weights of u and v
     uint32_t row;          // next row of cells
     int32_t margin;        ///< least bound minus height so far
     uint32_t failed_cell;  ///< after CANOPY_NOT_SAFE: the first cell whose bound is too low …
