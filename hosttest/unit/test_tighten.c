@@ -257,6 +257,41 @@ UNIT(from_a_field_it_stays_certified) {
     CHECK(published > 2);
 }
 
+// Above another surface that pokes through the data, on every half-knot cell: so is the difference of the two.
+UNIT(stays_above_another_surface) {
+    const struct canopy_frame frame = frame_of(CANOPY_ABOVE);
+    static int32_t other[COUNT];
+    struct canopy_tighten t = tighten_in(&frame);
+    make_points(4000, 999);  // half of the frame is empty
+    CHECK_EQ(canopy_tighten_over(&t, other), CANOPY_EMPTY);
+    CHECK_EQ(canopy_tighten_points_fx(&t, (const int32_t(*)[3])points, POINTS), CANOPY_OK);
+    for (int j = 0; j < COUNT; j++) {
+        other[j] = t.low + (int32_t)(t.range * (j % N == 3 ? 0.9f : j % 3 == 0 ? 0.7f : -0.2f));
+    }
+    other[5] = t.low + 2 * (int32_t)t.range;
+    CHECK_EQ(canopy_tighten_over(&t, other), CANOPY_RANGE);
+    other[5] = t.low;
+    CHECK_EQ(canopy_tighten_over(&t, other), CANOPY_OK);
+    fill(t.low);
+    CHECK_EQ(canopy_tighten_begin(&t, b, false), CANOPY_OK);
+    float gap = 1e30f;
+    for (enum canopy_status status = CANOPY_MORE; status == CANOPY_MORE;) {
+        status = canopy_tighten_step(&t, 1);
+        for (uint32_t k = 0; t.published > 0 && k < 8 * 6; k++) {
+            const uint32_t u = k / 6, v = k % 6;
+            const float s[2] = {0.5f * (float)(u % 2), 0.5f * (float)(v % 2)};
+            const uint32_t interval[2] = {u / 2, v / 2};
+            CHECK(canopy_surface_f32(b, frame.size, interval, s, NULL) >
+                  canopy_surface_f32(other, frame.size, interval, s, NULL) - 32.0f);
+        }
+        CHECK(t.published == 0 || lowest_gap(&t, &frame) > -32.0f);
+        CHECK(t.published == 0 || t.mean_gap <= gap);
+        gap = t.published > 0 ? t.mean_gap : gap;
+    }
+    CHECK(t.published > 3);
+    CHECK(canopy_tighten_excess(&t) < 0.02f);
+}
+
 UNIT_LIST(tighten, asks_for_its_arena_to_the_byte, refuses_what_is_no_cloud, is_safe_and_never_worse_at_any_time,
           keeps_a_safe_start_until_it_finds_better, a_flat_scene_has_no_gap, below_is_the_mirror_of_above,
-          what_is_free_is_bent_least, from_a_field_it_stays_certified)
+          what_is_free_is_bent_least, from_a_field_it_stays_certified, stays_above_another_surface)

@@ -136,6 +136,7 @@ struct canopy_tighten {
     float mu, comp, sums[3], most[2];  // complementarity; what a pass adds up; largest -by/slack and -by/dual
     float alpha[2], aim[2];            // step lengths, primal and dual; those that a corrector aims at
     uint8_t corrections;               // centrality correctors of this iteration so far
+    bool floored;                      // a surface to stay above: every knot cell has constraints
     bool lid;                          // the start was of no use as an iterate
     bool safe;
 };
@@ -154,6 +155,14 @@ enum canopy_status canopy_tighten_points_fx(struct canopy_tighten *tighten, cons
 /// `certify`, which is of the same field and is left in its last state.
 enum canopy_status canopy_tighten_field(struct canopy_tighten *tighten, const struct canopy_field *field,
                                         struct canopy_certify *certify);
+
+/// Asks to stay above another surface of the same frame, everywhere in it: on every half-knot cell, with or without
+/// points, each of the 16 Bernstein coefficients of S is at least that of `other` (m x n steps in the library's
+/// orientation: for the side below, the mirror of the surface above). What is published then keeps to it exactly, as it
+/// does to the points, and no coefficient is free. After the points, before canopy_tighten_begin; `other` stays as it
+/// is until the tightening has ended. CANOPY_EMPTY: no points; CANOPY_RANGE: `other` leaves no room within the reach,
+/// having a coefficient further than 1.9 height ranges from the lowest point; nothing changed.
+enum canopy_status canopy_tighten_over(struct canopy_tighten *tighten, const int32_t *other);
 
 /// Begins from `coefficients`, m x n, where from now on always stands what is published; the caller changes them no
 /// more. `safe`: they are known to be (the fast method's, certified), and stay until something better is found. Else

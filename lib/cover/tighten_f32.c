@@ -9,7 +9,8 @@
 #define PITS 7
 #define SIDES 2               // of the reach: floor and ceiling
 #define FRESH 0.2f            // the first iterate stands this much above the start
-#define LID 1.1f              // or it is this flat one
+#define LID 1.1f              // or it is this flat one …
+#define LID_OVER 1.95f        // … above another surface
 #define RIDGE 1e-6f           // added to the matrix, of its mean diagonal
 #define CORRECTORS 2          // centrality correctors an iteration, at most
 #define AIM 0.3f              // by how much longer a step a corrector aims at …
@@ -19,6 +20,7 @@
 #define STALLED 1e-4f         // as do steps that are both shorter
 #define SPARE 0.5f            // how far a candidate may be raised
 #define START_SPARE 4.0f      // and a start
+#define OVER_MOST 1.9f        // of the height range: another surface that there is still room above
 #define EDGE_LIMIT (1 << 24)  // edges of a float frame are whole quanta within +- this
 
 // The second where the first is no number.
@@ -322,6 +324,7 @@ static enum canopy_status load(struct canopy_tighten *t, const struct source *fr
         halves_of_field(t, from->field);
     }
     place_pits(t);
+    t->floored = false;
     memset(t->cost, 0, 4 * count);
     memset(t->seen, 0, count);
     for (uint32_t row = 0; row + 1 < t->frame.size[0]; row++) {
@@ -363,6 +366,31 @@ enum canopy_status canopy_tighten_field(struct canopy_tighten *tighten, const st
     const size_t nodes =
         CANOPY_TIGHTEN_NODES(field->frame.size[0], field->frame.size[1], field->axis[0].cells, field->axis[1].cells);
     return load(tighten, &(struct source){.field = field, .count = nodes});
+}
+
+enum canopy_status canopy_tighten_over(struct canopy_tighten *tighten, const int32_t *other) {
+    struct canopy_tighten *t = tighten;
+    const size_t count = canopy_tighten_coefficients(t);
+    if (t->points == 0) {
+        return CANOPY_EMPTY;
+    }
+    for (size_t j = 0; j < count; j++) {
+        if (!(fabsf((float)other[j] - (float)t->low) * t->per_step <= OVER_MOST)) {
+            return CANOPY_RANGE;
+        }
+    }
+    t->floored = true;
+    memset(t->seen, 1, count);
+    for (uint32_t row = 0; row + 1 < t->frame.size[0]; row++) {
+        canopy_tighten_over_row(t, other, row);
+    }
+    t->constraints = t->points + (uint32_t)(2 * count);
+    for (size_t k = 0; k < PITS * (size_t)cell_count(t); k++) {
+        for (int q = 0; q < PITS; q++) {
+            t->constraints += t->pits[k].z[q] > CANOPY_TIGHTEN_NONE;
+        }
+    }
+    return CANOPY_OK;
 }
 
 // ---- What is published
@@ -428,11 +456,13 @@ static void begin_pass(struct canopy_tighten *t, enum canopy_tighten_stage stage
     }
 }
 
+static float lid_of(const struct canopy_tighten *t) { return t->floored ? LID_OVER : LID; }
+
 static void first_iterate(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
     for (size_t j = 0; j < count; j++) {
         const float x = coefficient_of(t, t->b[j]) + FRESH;
-        t->x[j] = t->lid ? LID : smaller(larger(x, CANOPY_TIGHTEN_FLOOR + 0.1f), CANOPY_TIGHTEN_CEILING - 0.1f);
+        t->x[j] = t->lid ? lid_of(t) : smaller(larger(x, CANOPY_TIGHTEN_FLOOR + 0.1f), CANOPY_TIGHTEN_CEILING - 0.1f);
     }
     begin_pass(t, CANOPY_TIGHTEN_SLACKS);
 }
@@ -467,7 +497,7 @@ enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t 
 static void publish_lid(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
     for (size_t j = 0; j < count; j++) {
-        t->b[j] = t->low + (int32_t)(LID * t->range);
+        t->b[j] = t->low + (int32_t)(lid_of(t) * t->range);
     }
 }
 

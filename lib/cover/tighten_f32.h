@@ -44,6 +44,9 @@ void canopy_tighten_pass(struct canopy_tighten *t, enum canopy_tighten_pass pass
 void canopy_tighten_tables(struct canopy_tighten *t);
 void canopy_tighten_weigh(struct canopy_tighten *t, uint32_t row);
 
+// Raises the bounds of the Bernstein coefficients of a row of knot cells to those of another surface, rounded up.
+void canopy_tighten_over_row(struct canopy_tighten *t, const int32_t *other, uint32_t row);
+
 // Looks at every constraint of a row of knot cells from whole coefficients and raises what is missing. `reach` bounds
 // the coefficients of all occupied cells, before and after; false if one came to be larger.
 bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float reach, uint32_t row);

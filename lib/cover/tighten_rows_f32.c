@@ -53,6 +53,11 @@ static inline uint32_t clamped(uint32_t h, uint32_t a, uint32_t size) {
     return i < size ? i : size - 1;
 }
 
+// Whether a knot cell has constraints.
+static inline bool is_live(const struct canopy_tighten *t, uint32_t index) {
+    return t->floored || t->first[index] < t->first[index + 1];
+}
+
 struct cell {
     uint32_t index[16];  // of its coefficients
     float c[4][4];       // Bernstein form of a surface
@@ -470,7 +475,7 @@ void canopy_tighten_pass(struct canopy_tighten *t, enum canopy_tighten_pass pass
                                     [CANOPY_TIGHTEN_PASS_ACCEPT] = t->affine};
     for (uint32_t w = 0; w < cells; w++) {
         const uint32_t index = row * cells + w;
-        if (t->first[index] < t->first[index + 1]) {
+        if (is_live(t, index)) {
             struct cell cell;
             find_cell(t, row, w, &cell);
             read_cell(&cell, surface[pass]);
@@ -508,6 +513,31 @@ void canopy_tighten_weigh(struct canopy_tighten *t, uint32_t row) {
 
 // ---- Whole coefficients
 
+static void read_whole(const struct canopy_tighten *t, struct cell *cell, const int32_t *b) {
+    float from[4][4];
+    for (int a = 0; a < 16; a++) {
+        from[a / 4][a % 4] = (float)(b[cell->index[a]] - t->low) * t->per_step;
+    }
+    to_bernstein((const float(*)[4])from, cell->c);
+}
+
+void canopy_tighten_over_row(struct canopy_tighten *t, const int32_t *other, uint32_t row) {
+    const uint32_t cells = t->frame.size[1] - 1U;
+    for (uint32_t w = 0; w < cells; w++) {
+        struct cell cell;
+        float value[PITS][LANES];
+        find_cell(t, row, w, &cell);
+        read_whole(t, &cell, other);
+        evaluate_pits(&cell, value);
+        for (int p = 0; p < PITS; p++) {
+            struct canopy_tighten_lanes *pit = &t->pits[PITS * (size_t)(row * cells + w) + (size_t)p];
+            for (int q = 0; q < PITS; q++) {
+                pit->z[q] = larger(pit->z[q], value[p][q] + CANOPY_TIGHTEN_ERROR);
+            }
+        }
+    }
+}
+
 static float missing_in(const struct canopy_tighten *t, uint32_t index, const struct cell *cell) {
     float missing = CANOPY_TIGHTEN_NONE, value[PITS][LANES];
     evaluate_pits(cell, value);
@@ -542,16 +572,12 @@ bool canopy_tighten_raise_row(const struct canopy_tighten *t, int32_t *b, float 
     const float error = CANOPY_TIGHTEN_ERROR * larger(reach / CANOPY_TIGHTEN_ERROR_REACH, 1.0f);
     for (uint32_t w = 0; w < cells; w++) {
         const uint32_t index = row * cells + w;
-        if (t->first[index] == t->first[index + 1]) {
+        if (!is_live(t, index)) {
             continue;
         }
         struct cell cell;
-        float from[4][4];
         find_cell(t, row, w, &cell);
-        for (int a = 0; a < 16; a++) {
-            from[a / 4][a % 4] = (float)(b[cell.index[a]] - t->low) * t->per_step;
-        }
-        to_bernstein((const float(*)[4])from, cell.c);
+        read_whole(t, &cell, b);
         const float missing = missing_in(t, index, &cell) + error;
         if (missing <= 0) {
             continue;
