@@ -1,19 +1,10 @@
 // canopy fit: one safe surrogate.
 
 #include <argp.h>
-#include <inttypes.h>
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "tools/canopy/command.h"
 #include "tools/canopy/operands.h"
-#include "tools/common/load.h"
-#include "tools/common/number.h"
-#include "tools/common/option.h"
-#include "tools/common/surface.h"
-#include "tools/common/turn.h"
+#include "tools/canopy/wish.h"
 
 static const char DOC[] =
     "Fits a smooth surface that lies on one side of all points, proves it, and writes it as a surrogate "
@@ -27,193 +18,48 @@ static const char DOC[] =
     "Exit status: 0 done; 2 bad input, with one line that says where and what to do, and no output file; 64 wrong "
     "usage.";
 
-enum { SIDE = 256, METHOD, SCALAR, UNIT, DIR, FIELD, FRAME };
+enum { SIDE = 256 };
 
 static const struct argp_option OPTIONS[] = {
-    {"grid", 'g', "MxN", 0, "coefficients along the frame's first and second axis, 4x4 to 1024x1024 (required)", 0},
     {"side", SIDE, "above|below", 0, "the surface is above all points (default), or below", 0},
-    {"method", METHOD, "fast|tight", 0,
-     "how to fit: fast (default), or tight: fast tightened to within a few per cent of the least mean gap possible, "
-     "which is "
-     "proved and printed; from the points only",
-     0},
-    {"scalar", SCALAR, "f32|fx", 0, "the device's numbers: 32-bit float (default) or 32-bit fixed point", 0},
-    {"unit", UNIT, "U", 0,
-     "input units a device unit; default 1 for f32, for fx the power of ten that spreads the largest extent over 10^5 "
-     "to 10^6 units",
-     0},
-    {"dir", DIR, "X,Y,Z", 0, "direction from the scene to the viewer (default 0,0,1); heights are measured along it",
-     0},
-    {"field", FIELD, "Q", 0,
-     "fit from the bounded streaming field with Q x Q cells a knot interval, 1 to 32, as the device does, instead of "
-     "from the points",
-     0},
-    {"frame", FRAME, "FILE", 0, "use the frame (and unit) of this surrogate; a point outside it is bad input", 0},
     {"output", 'o', "OUT.json", 0, "write the surrogate here; without it only the line is printed", 0},
     {0}};
 
 struct arguments {
-    const char *points;
-    const char *grid;
-    const char *unit;
-    const char *dir;
-    const char *field;
-    const char *frame;
+    struct canopy_wish wish;
     const char *output;
-    int side;
-    int scalar;  ///< -1: not told
-    bool tight;
+    enum canopy_side side;
 };
-
-static int one_of(struct argp_state *state, const char *option, const char *text, const char *zero, const char *one) {
-    if (strcmp(text, zero) != 0 && strcmp(text, one) != 0) {
-        argp_error(state, "--%s is %s or %s, not '%s'", option, zero, one, text);
-    }
-    return strcmp(text, one) == 0;
-}
 
 static error_t parse(int key, char *text, struct argp_state *state) {
     struct arguments *a = state->input;
     switch (key) {
-    case 'g': a->grid = text; return 0;
+    case ARGP_KEY_INIT: state->child_inputs[0] = &a->wish; return 0;
     case 'o': a->output = text; return 0;
-    case UNIT: a->unit = text; return 0;
-    case DIR: a->dir = text; return 0;
-    case FIELD: a->field = text; return 0;
-    case FRAME: a->frame = text; return 0;
-    case SIDE: a->side = one_of(state, "side", text, "above", "below"); return 0;
-    case SCALAR: a->scalar = one_of(state, "scalar", text, "f32", "fx"); return 0;
-    case METHOD: a->tight = one_of(state, "method", text, "fast", "tight") == 1; return 0;
-    case ARGP_KEY_ARG:
-        if (state->arg_num > 0) {
-            argp_error(state, "give one point file");
-        }
-        a->points = text;
+    case SIDE:
+        a->side = canopy_wish_word(state, "side", text, "above", "below") ? CANOPY_BELOW : CANOPY_ABOVE;
         return 0;
-    case ARGP_KEY_END:
-        if (!a->points || !a->grid) {
-            argp_error(state, "give a point file and --grid MxN");
-        }
-        if (a->tight && a->field) {
-            argp_error(state, "--method tight fits from the points: leave --field out");
-        }
-        if (a->frame && a->dir) {
-            argp_error(state, "--dir is part of --frame: give one of them");
-        }
-        return 0;
+    case ARGP_KEY_END: canopy_wish_end(&a->wish, state); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
-}
-
-static bool read_grid(const char *text, uint16_t size[2], struct canopy_fault *fault) {
-    uint32_t given[2];
-    if (!canopy_option_grid(text, given) || given[0] < CANOPY_SIZE_MIN || given[1] < CANOPY_SIZE_MIN ||
-        given[0] > CANOPY_SIZE_MAX || given[1] > CANOPY_SIZE_MAX) {
-        return canopy_fault_set(fault, "--grid %.40s: give MxN, each from %d to %d", text, CANOPY_SIZE_MIN,
-                                CANOPY_SIZE_MAX);
-    }
-    size[0] = (uint16_t)given[0];
-    size[1] = (uint16_t)given[1];
-    return true;
-}
-
-static bool read_field(const char *text, uint16_t *cells, struct canopy_fault *fault) {
-    uint64_t q = 0;
-    if (!canopy_number_whole(text, 1, CANOPY_CELLS_MAX, &q)) {
-        return canopy_fault_set(fault, "--field %.40s: give a whole number of cells a knot interval from 1 to %d", text,
-                                CANOPY_CELLS_MAX);
-    }
-    *cells = (uint16_t)q;
-    return true;
-}
-
-static bool read_unit(const char *text, double *unit, struct canopy_fault *fault) {
-    return canopy_number_positive(text, unit) ||
-           canopy_fault_set(fault, "--unit %.40s: give a positive number of input units a device unit", text);
-}
-
-static bool read_direction(const char *text, double direction[3], struct canopy_fault *fault) {
-    const char *p = text;
-    bool ok = true;
-    for (int k = 0; ok && k < 3; k++) {
-        const char *end = p;
-        ok = canopy_number_read(p, &end, &direction[k]) == CANOPY_NUMBER_OK && *end == (k < 2 ? ',' : '\0');
-        p = end + (k < 2);
-    }
-    int32_t axes[3][3];
-    return (ok && canopy_turn_axes(direction, axes)) ||
-           canopy_fault_set(fault, "--dir %.40s: give three numbers X,Y,Z that are not all zero", text);
-}
-
-/// The frame's surrogate decides unit, axes and, if it is not told, the scalar.
-static bool read_frame(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_surface_wish *wish,
-                       struct canopy_fault *fault) {
-    if (!canopy_surrogate_read(a->frame, frame, fault)) {
-        return false;
-    }
-    if (a->unit && wish->unit != frame->unit) {
-        return canopy_fault_set(fault, "%s: its unit is %g, not that of --unit: leave --unit out", a->frame,
-                                frame->unit);
-    }
-    if (wish->size[0] != frame->size[0] || wish->size[1] != frame->size[1]) {
-        return canopy_fault_set(fault, "%s: its grid is %ux%u: give the same --grid", a->frame, frame->size[0],
-                                frame->size[1]);
-    }
-    wish->unit = frame->unit;
-    wish->scalar = a->scalar < 0 ? frame->scalar : wish->scalar;
-    wish->frame = frame;
-    return true;
-}
-
-static bool read_wish(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_surface_wish *wish,
-                      struct canopy_fault *fault) {
-    *wish = (struct canopy_surface_wish){.side = (enum canopy_side)a->side,
-                                         .scalar = a->scalar > 0 ? CANOPY_FX : CANOPY_F32,
-                                         .direction = {0.0, 0.0, 1.0},
-                                         .fitting = {.tight = a->tight}};
-    return read_grid(a->grid, wish->size, fault) && (!a->field || read_field(a->field, &wish->fitting.field, fault)) &&
-           (!a->unit || read_unit(a->unit, &wish->unit, fault)) &&
-           (!a->dir || read_direction(a->dir, wish->direction, fault)) &&
-           (!a->frame || read_frame(a, frame, wish, fault));
-}
-
-static void print_line(const struct arguments *a, const struct canopy_surface_wish *wish,
-                       const struct canopy_loaded *loaded, const struct canopy_surface_report *r) {
-    char how[80] = "fast";
-    if (wish->fitting.field) {
-        snprintf(how, sizeof how, "fast from field %u", wish->fitting.field);
-    } else if (wish->fitting.tight) {
-        snprintf(how, sizeof how, "tight (at most %.2g%% from the tightest possible)", 100.0 * r->fitting.excess);
-    }
-    printf("%" PRIu64
-           " points, %ux%u %s, %s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "
-           "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
-           r->result.points, wish->size[0], wish->size[1], wish->side == CANOPY_ABOVE ? "above" : "below", how,
-           wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
-           canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->fitting.iterations, r->fit_ms,
-           r->certificate_ms, a->output ? ", " : "", a->output ? a->output : "");
 }
 
 static bool run(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_fault *fault) {
     struct canopy_surface_wish wish;
     struct canopy_loaded loaded;
-    if (!read_wish(a, frame, &wish, fault)) {
+    if (!canopy_wish_read(&a->wish, frame, &wish, fault) || !canopy_wish_load(&a->wish, &wish, &loaded, fault)) {
         return false;
     }
-    const struct canopy_load_wish load_wish = {.scalar = wish.scalar, .unit = wish.unit, .frame = wish.frame};
-    if (!canopy_load(a->points, &load_wish, &loaded, fault)) {
-        return false;
-    }
-    wish.unit = loaded.unit;
+    wish.side = a->side;
     struct canopy_surrogate surrogate;
     struct canopy_surface_report report;
     bool ok = canopy_surface_fit(&loaded.list, &wish, &surrogate, &report, fault);
     if (!ok) {
-        canopy_fault_prefix(fault, "%s", a->points);
+        canopy_fault_prefix(fault, "%s", a->wish.points);
     } else {
         ok = !a->output || canopy_surrogate_write(a->output, &surrogate, fault);
         if (ok) {
-            print_line(a, &wish, &loaded, &report);
+            canopy_wish_report(&wish, &loaded, &report, a->output);
         }
         canopy_surrogate_free(&surrogate);
     }
@@ -222,8 +68,10 @@ static bool run(const struct arguments *a, struct canopy_surrogate *frame, struc
 }
 
 int canopy_command_fit(int argc, char **argv) {
-    struct arguments arguments = {.scalar = -1};
-    const struct argp argp = {.options = OPTIONS, .parser = parse, .args_doc = "POINTS", .doc = DOC};
+    struct arguments arguments = {.wish = {.scalar = -1}};
+    const struct argp_child children[] = {{&canopy_wish_argp, 0, NULL, 0}, {0}};
+    const struct argp argp = {
+        .options = OPTIONS, .parser = parse, .args_doc = "POINTS", .doc = DOC, .children = children};
     argp_parse(&argp, argc, argv, 0, NULL, &arguments);
     struct canopy_fault fault;
     struct canopy_surrogate frame = {0};
