@@ -15,7 +15,9 @@ enum canopy_status {
     CANOPY_EMPTY,         ///< there is no data to work on
     CANOPY_RANGE,         ///< a result does not fit the fixed-point format; nothing was published
     CANOPY_NOT_SAFE,      ///< a certificate failed: some bound is on the wrong side
-    CANOPY_UNSUPPORTED    ///< the platform or the device cannot do this
+    CANOPY_UNSUPPORTED,   ///< the platform or the device cannot do this
+    CANOPY_DROPPED,       ///< the row has left the ring
+    CANOPY_AHEAD          ///< the row is not in the ring yet
 };
 
 #endif

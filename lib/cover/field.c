@@ -153,12 +153,14 @@ size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[
     return field->exact ? feed(field, points, count, true) : feed(field, points, count, false);
 }
 
+enum canopy_difference canopy_field_difference(const struct canopy_field *a, const struct canopy_field *b) {
+    const enum canopy_difference frames = canopy_frame_difference(&a->frame, &b->frame);
+    const bool cells = a->axis[0].cells == b->axis[0].cells && a->axis[1].cells == b->axis[1].cells;
+    return frames != CANOPY_SAME || cells ? frames : CANOPY_DIFFERENT_CELLS;
+}
+
 enum canopy_status canopy_field_merge(struct canopy_field *field, const struct canopy_field *other) {
-    const struct canopy_frame *a = &field->frame, *b = &other->frame;
-    if (memcmp(a->origin, b->origin, sizeof a->origin) != 0 || memcmp(a->pitch, b->pitch, sizeof a->pitch) != 0 ||
-        memcmp(a->size, b->size, sizeof a->size) != 0 || memcmp(a->axis, b->axis, sizeof a->axis) != 0 ||
-        a->side != b->side || a->lsb_log2 != b->lsb_log2 || a->quantum_log2 != b->quantum_log2 ||
-        field->axis[0].cells != other->axis[0].cells || field->axis[1].cells != other->axis[1].cells) {
+    if (canopy_field_difference(field, other) != CANOPY_SAME) {
         return CANOPY_ARGUMENT;
     }
     const uint32_t cells = field->axis[0].count * field->axis[1].count;

@@ -78,7 +78,13 @@ enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const flo
 size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[3], size_t count);
 size_t canopy_field_feed_f32(struct canopy_field *field, const float (*points)[3], size_t count);
 
-/// Merges `other` into `field` by maximum. CANOPY_ARGUMENT: their frames or cells differ; nothing is changed.
+/// Whether two fields can be merged, and if not, why not: their frames, and the cells that each has a knot interval.
+enum canopy_difference canopy_field_difference(const struct canopy_field *a, const struct canopy_field *b);
+
+/// Merges `other` into `field` by maximum: what both fields would be had either taken all readings. It does not matter
+/// in which order or how often fields are merged (associative, commutative, idempotent), so several scanners, cores or
+/// machines may each keep a field of one frame. CANOPY_ARGUMENT: canopy_field_difference says why; nothing is changed.
+/// Linear in the cells.
 enum canopy_status canopy_field_merge(struct canopy_field *field, const struct canopy_field *other);
 
 /// One bit a knot cell with data, as struct canopy_envelope has it. Returns how many are set.

@@ -1,6 +1,7 @@
 #include "lib/cover/frame.h"
 
 #include <stdbool.h>
+#include <string.h>
 
 #include "lib/num/fixed.h"
 
@@ -45,4 +46,29 @@ enum canopy_status canopy_frame_around_fx(struct canopy_frame *frame, const stru
     frame->origin[2] = low[2];
     frame->lsb_log2 = (int16_t)((int)canopy_log2_ceil(range) - CANOPY_RANGE_LOG2);
     return CANOPY_OK;
+}
+
+enum canopy_difference canopy_frame_difference(const struct canopy_frame *a, const struct canopy_frame *b) {
+    if (a->side != b->side) {
+        return CANOPY_DIFFERENT_SIDE;
+    }
+    if (memcmp(a->size, b->size, sizeof a->size) != 0) {
+        return CANOPY_DIFFERENT_SIZE;
+    }
+    if (a->cells != b->cells) {
+        return CANOPY_DIFFERENT_CELLS;
+    }
+    if (a->quantum_log2 != b->quantum_log2) {
+        return CANOPY_DIFFERENT_QUANTUM;
+    }
+    if (a->lsb_log2 != b->lsb_log2) {
+        return CANOPY_DIFFERENT_STEP;
+    }
+    if (memcmp(a->pitch, b->pitch, sizeof a->pitch) != 0) {
+        return CANOPY_DIFFERENT_PITCH;
+    }
+    if (memcmp(a->axis, b->axis, sizeof a->axis) != 0) {
+        return CANOPY_DIFFERENT_AXES;
+    }
+    return memcmp(a->origin, b->origin, sizeof a->origin) != 0 ? CANOPY_DIFFERENT_ORIGIN : CANOPY_SAME;
 }

@@ -52,6 +52,22 @@ enum canopy_status canopy_frame_around_fx(struct canopy_frame *frame, const stru
 enum canopy_status canopy_frame_around_f32(struct canopy_frame *frame, const struct canopy_grid *grid,
                                            const float low[3], const float high[3]);
 
+/// In what two frames differ: the first of these.
+enum canopy_difference {
+    CANOPY_SAME = 0,
+    CANOPY_DIFFERENT_SIDE,
+    CANOPY_DIFFERENT_SIZE,
+    CANOPY_DIFFERENT_CELLS,  ///< a knot interval
+    CANOPY_DIFFERENT_QUANTUM,
+    CANOPY_DIFFERENT_STEP,  ///< lsb_log2
+    CANOPY_DIFFERENT_PITCH,
+    CANOPY_DIFFERENT_AXES,
+    CANOPY_DIFFERENT_ORIGIN
+};
+
+/// Whether two frames are the same, and if not, why not.
+enum canopy_difference canopy_frame_difference(const struct canopy_frame *a, const struct canopy_frame *b);
+
 /// The frame's width in quanta along u (axis 0) or v (axis 1): (size - 1) * pitch.
 static inline uint64_t canopy_frame_width(const struct canopy_frame *frame, int axis) {
     return (uint64_t)(frame->size[axis] - 1U) * frame->pitch[axis];
