@@ -2,24 +2,12 @@
 
 #include <string.h>
 
-#include "lib/num/bits.h"
+#include "lib/cover/fast_parts.h"
 
-// The line fit of either scalar.
-struct line_fit {
-    void (*shape)(struct canopy_line *line, uint16_t n, uint16_t q);
-    bool (*begin)(struct canopy_line *line, int32_t floor, int32_t ceiling);
-    bool (*iterate)(struct canopy_line *line);
-    void (*finish)(struct canopy_line *line, int32_t *coefficients);
-};
-
-static const struct line_fit line_fits[] = {
+const struct canopy_line_fit canopy_line_fits[2] = {
     [CANOPY_F32] = {canopy_line_shape_f32, canopy_line_begin_f32, canopy_line_iterate_f32, canopy_line_finish_f32},
     [CANOPY_FX] = {canopy_line_shape_fx, canopy_line_begin_fx, canopy_line_iterate_fx, canopy_line_finish_fx},
 };
-
-static uint32_t line_count(const struct canopy_fast *fast) {
-    return (uint32_t)CANOPY_LINE_NODES(fast->field->frame.size[0], fast->lines);
-}
 
 enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canopy_field *field,
                                     enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes) {
@@ -34,9 +22,9 @@ enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canop
     }
     *fast = (struct canopy_fast){.field = field, .scalar = (uint8_t)scalar, .lines = lines};
     canopy_line_init(&fast->line, CANOPY_MAX(m, n), CANOPY_MAX(cv, lines), &cut);
-    const size_t held = (size_t)line_count(fast) * n;
-    fast->g = canopy_arena_take(&cut, 4 * held);
-    fast->held = canopy_arena_take(&cut, (held + 7) / 8);
+    const size_t count = canopy_fast_line_count(fast);
+    fast->g = canopy_arena_take(&cut, 4 * count * n);
+    fast->held = canopy_arena_take(&cut, count * CANOPY_FAST_HELD_BYTES(n));
     fast->result = canopy_arena_take(&cut, 4U * (size_t)CANOPY_MAX(m, n));
     return CANOPY_OK;
 }
@@ -64,18 +52,17 @@ enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coeffici
     fast->begun = false;
     fast->solves = 0;
     fast->unsettled = 0;
-    memset(fast->held, 0, ((size_t)line_count(fast) * field->frame.size[1] + 7) / 8);
-    line_fits[fast->scalar].shape(&fast->line, field->frame.size[1], field->axis[1].cells);
+    canopy_line_fits[fast->scalar].shape(&fast->line, field->frame.size[1], field->axis[1].cells);
     return CANOPY_OK;
 }
 
 // ---- Lines: along v, from the field
 
 // The line's nodes: the highest of the cells around each, within one line distance.
-static void gather_line(struct canopy_fast *fast) {
+static void gather_line(struct canopy_fast *fast, uint32_t index) {
     const struct canopy_field *field = fast->field;
     const uint32_t columns = field->axis[1].count, step = (uint32_t)field->axis[0].cells / fast->lines;
-    const uint32_t middle = fast->index * step, from = middle > step ? middle - step : 0;
+    const uint32_t middle = index * step, from = middle > step ? middle - step : 0;
     const uint32_t to = middle + step < field->axis[0].count ? middle + step : field->axis[0].count;
     int32_t *nodes = fast->line.nodes;
     memcpy(nodes, field->heights + (size_t)from * columns, 4 * (size_t)columns);
@@ -87,15 +74,12 @@ static void gather_line(struct canopy_fast *fast) {
     }
 }
 
-static bool is_held(const struct canopy_fast *fast, uint32_t line, uint32_t j) {
-    const uint32_t bit = line * fast->field->frame.size[1] + j;
-    return canopy_bit_get(fast->held, bit);
-}
-
 // From cells to nodes, in place: a node is the higher of the cells on its two sides. Holds the coefficients that a
 // covered cell can see: those of the knot interval it is in.
-static void cells_to_nodes(struct canopy_fast *fast) {
-    const uint32_t n = fast->field->frame.size[1], q = fast->field->axis[1].cells, first = fast->index * n;
+static void cells_to_nodes(struct canopy_fast *fast, uint32_t index) {
+    const uint32_t n = fast->field->frame.size[1], q = fast->field->axis[1].cells;
+    uint8_t *held = fast->held + index * CANOPY_FAST_HELD_BYTES(n);
+    memset(held, 0, CANOPY_FAST_HELD_BYTES(n));
     int32_t *node = fast->line.nodes, before = CANOPY_NO_HEIGHT;
     for (uint32_t h = 0; h + 1 < n; h++) {
         int32_t highest = CANOPY_NO_HEIGHT;
@@ -107,19 +91,37 @@ static void cells_to_nodes(struct canopy_fast *fast) {
         }
         if (highest != CANOPY_NO_HEIGHT) {
             for (uint32_t j = h > 0 ? h - 1 : 0; j <= h + 2 && j < n; j++) {
-                (void)canopy_bit_set(fast->held, first + j);
+                (void)canopy_bit_set(held, j);
             }
         }
     }
     *node = before;
 }
 
+bool canopy_fast_begin_line(struct canopy_fast *fast, uint32_t index) {
+    gather_line(fast, index);
+    cells_to_nodes(fast, index);
+    return canopy_line_fits[fast->scalar].begin(&fast->line, fast->floor, fast->ceiling);
+}
+
+// What the certificate may lose by rounding bounds down, once in each direction, and one step to spare.
+#define CERTIFY_LOSS 3
+
+void canopy_fast_finish_line(struct canopy_fast *fast, uint32_t index) {
+    const uint32_t n = fast->field->frame.size[1];
+    int32_t *g = fast->g + (size_t)index * n;
+    canopy_line_fits[fast->scalar].finish(&fast->line, g);
+    for (uint32_t j = 0; j < n; j++) {
+        g[j] += CERTIFY_LOSS;  // B-splines sum to one: the bound rises by as much
+    }
+}
+
 // ---- Columns: along u, from the lines' coefficients
 
 static void gather_column(struct canopy_fast *fast) {
-    const uint32_t n = fast->field->frame.size[1], lines = line_count(fast);
+    const uint32_t n = fast->field->frame.size[1], lines = canopy_fast_line_count(fast), j = fast->index;
     for (uint32_t r = 0; r < lines; r++) {
-        fast->line.nodes[r] = is_held(fast, r, fast->index) ? fast->g[(size_t)r * n + fast->index] : CANOPY_NO_HEIGHT;
+        fast->line.nodes[r] = canopy_fast_is_held(fast, r, j) ? fast->g[(size_t)r * n + j] : CANOPY_NO_HEIGHT;
     }
 }
 
@@ -132,12 +134,11 @@ static void store_column(struct canopy_fast *fast) {
 
 // ---- Coefficients that nothing covered can see
 
-// True where some line whose cells may meet the support of b[i][j], two knot intervals to either side, holds j.
-static bool is_seen(const struct canopy_fast *fast, uint32_t i, uint32_t j) {
-    const uint32_t reach = 2U * fast->lines, at = i * fast->lines, end = line_count(fast) - 1;
+bool canopy_fast_is_seen(const struct canopy_fast *fast, uint32_t i, uint32_t j) {
+    const uint32_t reach = 2U * fast->lines, at = i * fast->lines, end = canopy_fast_line_count(fast) - 1;
     const uint32_t from = at > reach ? at - reach : 0, to = at + reach < end ? at + reach : end;
     for (uint32_t r = from; r <= to; r++) {
-        if (is_held(fast, r, j)) {
+        if (canopy_fast_is_held(fast, r, j)) {
             return true;
         }
     }
@@ -165,7 +166,7 @@ static void fill_column(struct canopy_fast *fast) {
     const uint32_t m = fast->field->frame.size[0];
     int32_t *nearest = fast->line.nodes;  // free once the column is fitted
     for (uint32_t i = 0; i < m; i++) {
-        nearest[i] = is_seen(fast, i, fast->index);
+        nearest[i] = canopy_fast_is_seen(fast, i, fast->index);
     }
     find_nearest(nearest, m);
     for (uint32_t i = 0; i < m; i++) {
@@ -176,9 +177,9 @@ static void fill_column(struct canopy_fast *fast) {
 }
 
 static bool column_is_held(const struct canopy_fast *fast, uint32_t j) {
-    const uint32_t lines = line_count(fast);
+    const uint32_t lines = canopy_fast_line_count(fast);
     for (uint32_t r = 0; r < lines; r++) {
-        if (is_held(fast, r, j)) {
+        if (canopy_fast_is_held(fast, r, j)) {
             return true;
         }
     }
@@ -216,27 +217,17 @@ static bool fits_format(const struct canopy_fast *fast) {
 
 static bool begin_one(struct canopy_fast *fast) {
     if (fast->stage == CANOPY_FAST_LINES) {
-        gather_line(fast);
-        cells_to_nodes(fast);
-    } else {
-        gather_column(fast);
+        return canopy_fast_begin_line(fast, fast->index);
     }
-    return line_fits[fast->scalar].begin(&fast->line, fast->floor, fast->ceiling);
+    gather_column(fast);
+    return canopy_line_fits[fast->scalar].begin(&fast->line, fast->floor, fast->ceiling);
 }
 
-// What the certificate may lose by rounding bounds down, once in each direction, and one step to spare.
-#define CERTIFY_LOSS 3
-
 static void finish_one(struct canopy_fast *fast) {
-    const uint32_t n = fast->field->frame.size[1];
     if (fast->stage == CANOPY_FAST_LINES) {
-        int32_t *g = fast->g + (size_t)fast->index * n;
-        line_fits[fast->scalar].finish(&fast->line, g);
-        for (uint32_t j = 0; j < n; j++) {
-            g[j] += CERTIFY_LOSS;  // B-splines sum to one: the bound rises by as much
-        }
+        canopy_fast_finish_line(fast, fast->index);
     } else {
-        line_fits[fast->scalar].finish(&fast->line, fast->result);
+        canopy_line_fits[fast->scalar].finish(&fast->line, fast->result);
         fill_column(fast);
         store_column(fast);
     }
@@ -247,10 +238,10 @@ static void finish_one(struct canopy_fast *fast) {
 static void next_one(struct canopy_fast *fast) {
     fast->begun = false;
     fast->index++;
-    if (fast->stage == CANOPY_FAST_LINES && fast->index == line_count(fast)) {
+    if (fast->stage == CANOPY_FAST_LINES && fast->index == canopy_fast_line_count(fast)) {
         fast->stage = CANOPY_FAST_COLUMNS;
         fast->index = 0;
-        line_fits[fast->scalar].shape(&fast->line, fast->field->frame.size[0], fast->lines);
+        canopy_line_fits[fast->scalar].shape(&fast->line, fast->field->frame.size[0], fast->lines);
     } else if (fast->stage == CANOPY_FAST_COLUMNS && fast->index == fast->field->frame.size[1]) {
         fill_columns(fast);
         fast->stage = fits_format(fast) ? CANOPY_FAST_DONE : CANOPY_FAST_FAILED;
@@ -266,7 +257,7 @@ enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget) {
                 continue;
             }
         }
-        if (!line_fits[fast->scalar].iterate(&fast->line)) {
+        if (!canopy_line_fits[fast->scalar].iterate(&fast->line)) {
             finish_one(fast);
             next_one(fast);
         }

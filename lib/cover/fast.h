@@ -29,8 +29,9 @@
 #define CANOPY_FAST_ARENA(m, n, cv, lines)                                                                             \
     (CANOPY_LINE_ARENA(CANOPY_MAX(m, n), CANOPY_MAX(cv, lines)) +                                                      \
      CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(m, lines) * (size_t)(n)) +                                              \
-     CANOPY_ARENA_ROUND((CANOPY_LINE_NODES(m, lines) * (size_t)(n) + 7U) / 8U) +                                       \
+     CANOPY_ARENA_ROUND(CANOPY_LINE_NODES(m, lines) * CANOPY_FAST_HELD_BYTES(n)) +                                     \
      CANOPY_ARENA_ROUND(4U * (size_t)CANOPY_MAX(m, n)))
+#define CANOPY_FAST_HELD_BYTES(n) (((size_t)(n) + 7U) / 8U)
 
 enum canopy_fast_stage {
     CANOPY_FAST_IDLE,
@@ -47,7 +48,7 @@ struct canopy_fast {
     uint8_t stage;           ///< enum canopy_fast_stage
     uint16_t lines;          ///< lines a knot interval of u; divides the field's cells
     int32_t *g;              // coefficients of the lines, (lines (m-1) + 1) x n
-    uint8_t *held;           // one bit for each of them
+    uint8_t *held;           // one bit for each of them, each line from a new byte on
     int32_t *result;         // one line's coefficients
     int32_t *b;              // the caller's coefficients
     uint32_t index;          // the line or column in work …

@@ -19,6 +19,9 @@
 /// height lacks of l is largest at a vertex of the upper convex hull of the nodes, on any part of the interval, and the
 /// fit looks at those *vertices* only (per half interval, because that is what rounds to one row).
 ///
+/// Some rows may be *pinned*, each at a coefficient that is given: so a part of a line is fitted while the rest stays as
+/// it is (refit.h). A pinned row chooses no node; canopy_line_lift may raise it like any other.
+///
 /// The scalar lives in here only: heights in and coefficients out are whole steps, and so is all that is proved.
 /// Float and fixed point give coefficients that differ by rounding; both are lifted by the same exact integers.
 ///
@@ -52,12 +55,13 @@
 
 /// A line being fitted. Its fields belong to lib/cover; `nodes` is where the caller puts the heights.
 struct canopy_line {
-    uint16_t count;  ///< n
-    uint16_t cells;  ///< q
-    int32_t *nodes;  ///< CANOPY_LINE_NODES heights in steps, or CANOPY_NO_HEIGHT
-    uint8_t solves;  ///< solves done so far
-    bool singular;   ///< a matrix was close to singular, or its solution exploded: rows are at their integers
-    bool settled;    ///< the iteration ended by itself, not by its cap, a cycle or a singular matrix
+    uint16_t count;       ///< n
+    uint16_t cells;       ///< q
+    int32_t *nodes;       ///< CANOPY_LINE_NODES heights in steps, or CANOPY_NO_HEIGHT
+    const int32_t *pins;  ///< n coefficients of pinned rows, CANOPY_NO_HEIGHT: not pinned; NULL: none is
+    uint8_t solves;       ///< solves done so far
+    bool singular;        ///< a matrix was close to singular, or its solution exploded: rows are at their integers
+    bool settled;         ///< the iteration ended by itself, not by its cap, a cycle or a singular matrix
 
     void *rows;          // canopy_band_row_f32 or _fx, n
     void *best;          // float or int32_t, n: the iterate with the smallest violation so far
