@@ -55,6 +55,13 @@ enum canopy_status canopy_certify_init(struct canopy_certify *certify, const str
 /// +- CANOPY_COEFFICIENT_LIMIT, where nothing below overflows: else every step and cell says CANOPY_RANGE.
 void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coefficients);
 
+/// Goes on at `row` with a margin of its own: for who certifies some rows of cells alone, canopy_certify_step(…, 1) or
+/// more at a time.
+static inline void canopy_certify_seek(struct canopy_certify *certify, uint32_t row) {
+    certify->row = row;
+    certify->margin = INT32_MAX;
+}
+
 /// Looks at up to `rows` rows of cells. CANOPY_MORE: not finished; CANOPY_OK: every covered cell is safe, by
 /// certify->margin at least; CANOPY_NOT_SAFE: certify->failed_cell lacks certify->missing. If the coefficients are
 /// then raised (never lowered), the next call goes on from the row that failed.

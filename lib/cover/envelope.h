@@ -16,6 +16,7 @@ struct canopy_envelope {
     uint8_t scalar;         ///< enum canopy_scalar: which kind of point the certificate is about
     uint32_t points;        ///< the certificate covers exactly the first `points` accepted readings
     int32_t margin;         ///< certified distance to the nearest covered cell or point, in lsb; never negative
+    int64_t first_row;      ///< of a scene that moves: the number of knot row 0 (ring.h); else 0
     int32_t *coefficients;  ///< size[0] x size[1], row (u) order; memory belongs to whoever declared it
     uint8_t *coverage;      ///< one bit a knot cell, (size[0]-1) x (size[1]-1), row order, bit i at byte i/8 bit i%8
 };

@@ -1,0 +1,411 @@
+// What a ring promises (lib/cover/ring.h) in every order of readings, moves, expiries, steps and publications, and that
+// fields and rings merge as sets do.
+//
+// A model that shares nothing with lib/cover keeps every accepted reading with its place along a belt without end, and
+// judges what is published as a PLC would use it: from the published frame and coefficients and the device coordinates
+// of the readings, differences modulo 2^32 (or the period), in whole numbers of 128 bits. CANOPY_CLOUDS sets how many
+// random lives are lived; a failure prints the seed, CANOPY_SEED=n lives that one alone.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "hosttest/seeds.h"
+#include "lib/cover/ring.h"
+#include "lib/spline/surface.h"
+#include "tools/common/random.h"
+
+__extension__ typedef __int128 wide;
+
+enum { GRID_MAX = 24, CELLS_MAX = 4, OPEN_MAX = 3, READINGS_MAX = 3000 };
+
+struct reading {
+    int64_t u, row;
+    int32_t device[2], v, z;
+    uint64_t time_us;
+};
+
+struct life {
+    uint64_t seed, random, now_us;
+    struct canopy_ring_config config;
+    struct canopy_ring ring;
+    uint64_t *arena;
+    int64_t base, pitch, first;  // as the model has them
+    int64_t head;                // where the belt is
+    struct reading readings[READINGS_MAX];
+    uint32_t count;
+};
+
+static struct { uint64_t published, claimed, dropped, ahead, late, expired, jumps, mended, empty, range; } met;
+
+static struct life life;
+
+#define MUST(condition)                                                                                                \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            fail_msg("CANOPY_SEED=%llu: %s", (unsigned long long)l->seed, #condition);                                 \
+        }                                                                                                              \
+    } while (0)
+
+static uint32_t below(struct life *l, uint32_t n) { return canopy_random_below(&l->random, n); }
+static bool chance(struct life *l, double p) { return canopy_random_chance(&l->random, p); }
+
+static int64_t floor_div(int64_t a, int64_t b) { return a / b - (a % b < 0); }
+static int64_t floor_mod(int64_t a, int64_t b) { return a - b * floor_div(a, b); }
+
+static int64_t period_of(const struct life *l) {
+    return l->config.period != 0 ? (int64_t)l->config.period : (int64_t)1 << 32;
+}
+
+static int64_t rows_of(const struct life *l) { return l->config.grid.size[0] - 1 + l->config.open; }
+
+static bool runs_backward(const struct life *l) { return l->config.heading >= CANOPY_AGAINST_X; }
+static bool is_mirrored(const struct life *l) {
+    return l->config.heading == CANOPY_ALONG_Y || l->config.heading == CANOPY_AGAINST_X;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// The judge
+
+static void weights(int64_t part, int64_t pitch, int64_t to[4]) {
+    const int64_t rest = pitch - part;
+    to[0] = rest * rest * rest;
+    to[1] = 3 * part * part * part - 6 * part * part * pitch + 4 * pitch * pitch * pitch;
+    to[2] = 3 * rest * rest * rest - 6 * rest * rest * pitch + 4 * pitch * pitch * pitch;
+    to[3] = part * part * part;
+}
+
+// The surface at offsets from the origin, times 36 pu^3 pv^3, in steps.
+static wide surface(const struct canopy_envelope *envelope, const int64_t offset[2]) {
+    const struct canopy_frame *frame = &envelope->frame;
+    int64_t w[2][4], first[2];
+    for (int a = 0; a < 2; a++) {
+        int64_t interval = offset[a] / frame->pitch[a];
+        interval = interval > frame->size[a] - 2 ? frame->size[a] - 2 : interval;
+        weights(offset[a] - interval * frame->pitch[a], frame->pitch[a], w[a]);
+        first[a] = interval - 1;
+    }
+    wide sum = 0;
+    for (int i = 0; i < 4; i++) {
+        for (int j = 0; j < 4; j++) {
+            int64_t row = first[0] + i, column = first[1] + j;
+            row = row < 0 ? 0 : row >= frame->size[0] ? frame->size[0] - 1 : row;
+            column = column < 0 ? 0 : column >= frame->size[1] ? frame->size[1] - 1 : column;
+            sum += (wide)(w[0][i] * w[1][j]) * envelope->coefficients[row * frame->size[1] + column];
+        }
+    }
+    return sum;
+}
+
+// Where a reading is in the published frame, by the frame's axes and origin and the device's coordinates alone.
+static void place(const struct life *l, const struct canopy_frame *frame, const struct reading *r, int64_t to[2]) {
+    for (int a = 0; a < 2; a++) {
+        to[a] = 0;
+        for (int c = 0; c < 2; c++) {
+            to[a] += frame->axis[a][c] / CANOPY_AXIS_ONE * ((int64_t)r->device[c] - frame->origin[c]);
+        }
+    }
+    to[0] = floor_mod(to[0], period_of(l));
+    // Longer than a turn: which turn is meant, the row says.
+    const int64_t interval = r->row - l->first;
+    while (to[0] < interval * l->pitch) {
+        to[0] += period_of(l);
+    }
+}
+
+static void check_reading(struct life *l, const struct canopy_envelope *envelope, const struct reading *r) {
+    const struct canopy_frame *frame = &envelope->frame;
+    int64_t at[2];
+    place(l, frame, r, at);
+    MUST(at[0] == r->u - (l->base + l->first * l->pitch));
+    MUST(at[1] >= 0 && at[1] <= (int64_t)canopy_frame_width(frame, 1));
+    const wide pu = frame->pitch[0], pv = frame->pitch[1], scale = 36 * pu * pu * pu * pv * pv * pv;
+    const wide height = ((wide)r->z - frame->origin[2]) * ((wide)1 << -frame->lsb_log2);
+    const wide gap = surface(envelope, at) - height * scale;
+    MUST((frame->side == CANOPY_ABOVE ? gap : -gap) >= envelope->margin * scale);
+}
+
+static bool is_claimed(const struct life *l, const struct reading *r) {
+    return r->row > l->first && r->row < l->first + l->config.grid.size[0] - 1;
+}
+
+static void check_envelope(struct life *l, const struct canopy_envelope *envelope) {
+    const struct canopy_frame *frame = &envelope->frame;
+    const uint32_t across = frame->size[1] - 1U;
+    uint8_t coverage[CANOPY_COVERAGE_BYTES(GRID_MAX, GRID_MAX)] = {0};
+    uint32_t claimed = 0;
+    MUST(envelope->first_row == l->first && frame->lsb_log2 <= 0 && envelope->margin >= 0);
+    MUST(memcmp(frame->size, l->config.grid.size, sizeof frame->size) == 0 && frame->side == l->config.grid.side);
+    for (uint32_t i = 0; i < l->count; i++) {
+        const struct reading *r = &l->readings[i];
+        if (is_claimed(l, r)) {
+            check_reading(l, envelope, r);
+            int64_t at[2];
+            place(l, frame, r, at);
+            const int64_t w = at[1] / frame->pitch[1];
+            const uint32_t bit = (uint32_t)(r->row - l->first) * across + (uint32_t)(w < across ? w : across - 1);
+            coverage[bit / 8] |= (uint8_t)(1U << bit % 8);
+            claimed++;
+        }
+    }
+    MUST(envelope->points == claimed && claimed > 0);
+    MUST(memcmp(coverage, envelope->coverage, CANOPY_COVERAGE_BYTES(frame->size[0], frame->size[1])) == 0);
+    met.published++;
+    met.claimed += claimed;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// What happens to a ring
+
+static void forget(struct life *l, bool (*gone)(const struct life *l, const struct reading *r, uint64_t than),
+                   uint64_t than) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < l->count; i++) {
+        if (!gone(l, &l->readings[i], than)) {
+            l->readings[kept++] = l->readings[i];
+        }
+    }
+    l->count = kept;
+}
+
+static bool has_left(const struct life *l, const struct reading *r, uint64_t than) {
+    (void)than;
+    return r->row <= l->first;
+}
+
+static bool is_row(const struct life *l, const struct reading *r, uint64_t than) {
+    (void)l;
+    return r->row == (int64_t)than;
+}
+
+static void do_publish(struct life *l) {
+    static int32_t coefficients[GRID_MAX * GRID_MAX];
+    static uint8_t coverage[CANOPY_COVERAGE_BYTES(GRID_MAX, GRID_MAX)];
+    struct canopy_envelope envelope = {.coefficients = coefficients, .coverage = coverage, .margin = -7};
+    switch (canopy_ring_publish(&l->ring, &envelope)) {
+    case CANOPY_OK: check_envelope(l, &envelope); break;
+    case CANOPY_EMPTY:
+        for (uint32_t i = 0; i < l->count; i++) {
+            MUST(!is_claimed(l, &l->readings[i]));
+        }
+        met.empty++;
+        MUST(envelope.margin == -7);
+        break;
+    case CANOPY_MORE: MUST(!canopy_refit_is_certified(&l->ring.refit) && envelope.margin == -7); break;
+    default: MUST(false);
+    }
+}
+
+static void do_reach(struct life *l, int64_t u) {
+    const int64_t end = l->first + rows_of(l), row = floor_div(u - l->base, l->pitch);
+    const uint64_t by = canopy_ring_reach(&l->ring, u);
+    MUST(by == (row >= end ? (uint64_t)(row - end + 1) : 0));
+    l->first += (int64_t)by;
+    met.jumps += (int64_t)by >= rows_of(l);
+    MUST(l->ring.first == l->first);
+    forget(l, has_left, 0);
+}
+
+// A height of some scene: parts with walls on a rough plane, now and then a spike.
+static int32_t height_at(struct life *l, int64_t u, int64_t v) {
+    const uint64_t part = canopy_random_mix((uint64_t)floor_div(u, 3 * l->pitch) * 77 + (uint64_t)(v / 90));
+    const int32_t plane = (int32_t)below(l, 20), wall = (part & 3) == 0 ? (int32_t)(part >> 8 & 0x3FF) : 0;
+    return (int32_t)l->config.low[2] + (chance(l, 0.01) ? 1023 : plane + wall);
+}
+
+static void do_reading(struct life *l) {
+    const int64_t end = l->base + (l->first + rows_of(l)) * l->pitch, start = l->base + l->first * l->pitch;
+    const uint32_t width = (uint32_t)canopy_frame_width(&l->ring.field.frame, 1);
+    int64_t u = l->head - below(l, (uint32_t)(2 * l->pitch));
+    if (chance(l, 0.1)) {  // anywhere around the ring, but within half a period of its end
+        const int64_t reach = end - start + 2 * l->pitch, half = period_of(l) / 2;
+        u = end + l->pitch - 1 - below(l, (uint32_t)(reach < half ? reach : half));
+    }
+    const int across = l->config.heading % 2 == 0 ? 1 : 0, along = 1 - across;
+    int64_t v = (int64_t)l->ring.field.frame.origin[1] + below(l, width + 1);
+    v = chance(l, 0.01) ? v + width + 1 : v;
+    struct reading r = {.u = u, .row = floor_div(u - l->base, l->pitch), .time_us = l->now_us};
+    const int64_t counted = floor_mod(runs_backward(l) ? -u : u, period_of(l));
+    r.device[along] = (int32_t)(uint32_t)counted;
+    r.device[across] = (int32_t)(is_mirrored(l) ? -v : v);
+    r.z = height_at(l, u, v - l->ring.field.frame.origin[1]);
+    const bool high = chance(l, 0.003), beside = v > (int64_t)l->ring.field.frame.origin[1] + width;
+    r.z = high ? (l->config.grid.side == CANOPY_ABOVE ? 1 << 28 : -(1 << 28)) : r.z;
+    const struct canopy_ring_place at = canopy_ring_place_of(&l->ring, r.device[0], r.device[1]);
+    MUST(at.u == u && at.v == v && canopy_ring_row_at(&l->ring, u) == r.row);
+    struct canopy_ring_hit hit;
+    const enum canopy_status status = canopy_ring_insert(&l->ring, &at, r.z, l->now_us, &hit);
+    const bool dropped = r.row <= l->first, ahead = r.row >= l->first + rows_of(l);
+    MUST(status == (beside    ? CANOPY_OUT_OF_FRAME
+                    : dropped ? CANOPY_DROPPED
+                    : ahead   ? CANOPY_AHEAD
+                    : high    ? CANOPY_RANGE
+                              : CANOPY_OK));
+    met.dropped += !beside && dropped;
+    met.ahead += !beside && ahead;
+    met.range += status == CANOPY_RANGE;
+    struct canopy_ring_row info = {.readings = 4711};
+    MUST(canopy_ring_row(&l->ring, r.row, &info) == (dropped ? CANOPY_DROPPED : ahead ? CANOPY_AHEAD : CANOPY_OK));
+    MUST(!(dropped || ahead) || info.readings == 4711);
+    if (status == CANOPY_OK) {
+        MUST(hit.row == r.row && hit.closed == is_claimed(l, &r));
+        met.late += hit.closed && hit.raised;
+        if (l->count == READINGS_MAX) {
+            do_reach(l, end + rows_of(l) * l->pitch);
+            l->head = end + rows_of(l) * l->pitch;
+        } else {
+            l->readings[l->count++] = r;
+        }
+    }
+}
+
+static void do_move(struct life *l) {
+    l->head += chance(l, 0.02) ? (int64_t)below(l, (uint32_t)(3 * rows_of(l) * l->pitch))
+                               : (int64_t)below(l, (uint32_t)l->pitch);
+    const bool first = chance(l, 0.5);
+    do_reach(l, first ? l->head : l->head - 1);
+}
+
+static void do_expire(struct life *l) {
+    const uint64_t before = l->now_us - below(l, 2000000);
+    uint32_t gone = 0;
+    for (int64_t row = l->first + 1; row < l->first + rows_of(l); row++) {
+        uint64_t oldest = UINT64_MAX;
+        for (uint32_t i = 0; i < l->count; i++) {
+            const struct reading *r = &l->readings[i];
+            oldest = r->row == row && r->time_us < oldest ? r->time_us : oldest;
+        }
+        if (oldest < before) {
+            gone += row < l->first + l->config.grid.size[0] - 1;
+            forget(l, is_row, (uint64_t)row);
+        }
+    }
+    MUST(canopy_ring_expire(&l->ring, before) == gone);
+    met.expired += gone;
+}
+
+static void do_step(struct life *l) {
+    if (l->ring.refit.stage == CANOPY_REFIT_IDLE || chance(l, 0.02)) {
+        canopy_refit_begin(&l->ring.refit);
+    }
+    const int32_t row = (int32_t)l->ring.refit.certify.failed_cell;
+    const enum canopy_status status = canopy_refit_step(&l->ring.refit, below(l, 60));
+    met.mended += (int32_t)l->ring.refit.certify.failed_cell != row;
+    MUST(status == CANOPY_OK || status == CANOPY_MORE);
+    MUST(status != CANOPY_OK || canopy_refit_is_certified(&l->ring.refit));
+}
+
+static void random_config(struct life *l) {
+    struct canopy_ring_config *c = &l->config;
+    const uint16_t q = (uint16_t)(1 + below(l, CELLS_MAX));
+    *c = (struct canopy_ring_config){
+        .grid = {{(uint16_t)(4 + below(l, GRID_MAX - 3)), (uint16_t)(4 + below(l, 8))}, q, (uint8_t)below(l, 2)}};
+    c->heading = (uint8_t)below(l, 4);
+    c->scalar = (uint8_t)below(l, 2);
+    c->open = (uint16_t)(1 + below(l, OPEN_MAX));
+    c->lines = chance(l, 0.5) ? 1 : q;
+    const int along = c->heading % 2, across = 1 - along;
+    const int32_t length = (c->grid.size[0] - 1) * (int32_t)(1 + below(l, 60)) * q, width = (int32_t)below(l, 1000);
+    // Near the end of what coordinates are, often, so that they wrap.
+    c->low[along] = chance(l, 0.5) ? (int32_t)below(l, 100000) - 50000 : INT32_MAX - length;
+    c->high[along] = c->low[along] + length;
+    if (runs_backward(l)) {
+        const int32_t low = c->low[along];
+        c->low[along] = -c->high[along];
+        c->high[along] = -low;
+    }
+    c->low[across] = (int32_t)below(l, 2000) - 1000;
+    c->high[across] = c->low[across] + width;
+    c->low[2] = (int32_t)below(l, 2000) - 1000;
+    c->high[2] = c->low[2] + 1024;
+}
+
+static void begin_life(struct life *l, uint64_t seed) {
+    uint64_t *old = l->arena;
+    free(old);
+    memset(l, 0, sizeof *l);
+    l->seed = seed;
+    l->random = seed;
+    l->now_us = 10000000;
+    random_config(l);
+    const struct canopy_ring_config *c = &l->config;
+    const size_t bytes = CANOPY_RING_ARENA(c->grid.size[0], c->grid.size[1], c->grid.cells, c->lines, c->open);
+    if (chance(l, 0.3)) {  // a head: a turn is a part of the ring, or more than it
+        l->config.period = 1000 + below(l, 20000);
+    }
+    l->arena = malloc(bytes);  // just as much as asked for: the sanitizer watches the end
+    assert_non_null(l->arena);
+    MUST(canopy_ring_init(&l->ring, c, l->arena, bytes) == CANOPY_OK);
+    l->pitch = l->ring.field.frame.pitch[0];
+    l->base = runs_backward(l) ? -(int64_t)c->high[c->heading % 2] : c->low[c->heading % 2];
+    l->first = 1 - (int64_t)c->grid.size[0];
+    MUST(l->ring.first == l->first);
+    if (chance(l, 0.3)) {  // days later
+        const int64_t row = (int64_t)(canopy_random_next(&l->random) >> 20) - ((int64_t)1 << 43);
+        MUST(canopy_ring_restart(&l->ring, row) == CANOPY_OK);
+        l->first += row;
+    }
+    l->head = l->base + (l->first + rows_of(l)) * l->pitch - 1;
+}
+
+static void live(uint64_t seed) {
+    struct life *l = &life;
+    begin_life(l, seed);
+    const uint32_t events = 200 + below(l, 400);
+    for (uint32_t e = 0; e < events; e++) {
+        l->now_us += below(l, 20000);
+        const uint32_t what = below(l, 100);
+        if (what < 45) {
+            for (uint32_t i = below(l, 12); i > 0; i--) {
+                do_reading(l);
+            }
+        } else if (what < 60) {
+            do_move(l);
+        } else if (what < 90) {
+            do_step(l);
+        } else if (what < 97) {
+            do_publish(l);
+        } else if (what < 98) {
+            do_expire(l);
+        } else {
+            for (uint32_t i = 0; i < 400 && l->ring.refit.stage != CANOPY_REFIT_IDLE; i++) {
+                do_step(l);
+            }
+            do_publish(l);
+        }
+    }
+    do {
+        do_step(l);
+    } while (!canopy_refit_is_certified(&l->ring.refit));
+    do_publish(l);
+}
+
+static void every_envelope_covers_what_it_claims(void **state) {
+    (void)state;
+    seeds_run(1500, live);
+    free(life.arena);
+    life.arena = NULL;
+    if (seeds_number("CANOPY_SEED", 0) == 0) {
+        printf("# %llu envelopes, %llu readings claimed, %llu late, %llu dropped, %llu ahead, %llu rows expired, %llu "
+               "jumps, %llu mended\n",
+               (unsigned long long)met.published, (unsigned long long)met.claimed, (unsigned long long)met.late,
+               (unsigned long long)met.dropped, (unsigned long long)met.ahead, (unsigned long long)met.expired,
+               (unsigned long long)met.jumps, (unsigned long long)met.mended);
+        assert_true(met.published > 1000 && met.claimed > 1000 && met.late > 1000 && met.dropped > 1000);
+        assert_true(met.ahead > 1000 && met.expired > 1000 && met.jumps > 100 && met.mended > 100);
+        assert_true(met.empty > 100 && met.range > 100);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_envelope_covers_what_it_claims),
+    };
+    return cmocka_run_group_tests_name("ring", tests, NULL, NULL);
+}
