@@ -7,12 +7,13 @@
 
 enum {
     CANOPY_EXIT_OK = 0,
-    CANOPY_EXIT_UNSAFE = 1,  ///< canopy check: a point is on the wrong side or outside
+    CANOPY_EXIT_UNSAFE = 1,  ///< a point is on the wrong side or outside (check), surfaces cross (sandwich --check)
     CANOPY_EXIT_INPUT = 2,   ///< bad input: one line on standard error, no output file
     CANOPY_EXIT_USAGE = 64   ///< wrong usage (sysexits EX_USAGE, argp's own)
 };
 
 int canopy_command_fit(int argc, char **argv);
+int canopy_command_sandwich(int argc, char **argv);
 int canopy_command_check(int argc, char **argv);
 int canopy_command_eval(int argc, char **argv);
 int canopy_command_plot(int argc, char **argv);

@@ -14,6 +14,7 @@ static const struct {
     const char *what;
 } COMMANDS[] = {
     {"fit", canopy_command_fit, "fit one safe surrogate to points"},
+    {"sandwich", canopy_command_sandwich, "fit a surface above and one below that never cross; do two files cross?"},
     {"check", canopy_command_check, "is every point on the safe side? exact; exit status 0 or 1"},
     {"eval", canopy_command_eval, "the height of the surface over each point"},
     {"plot", canopy_command_plot, "a picture of a surrogate and its points"},

@@ -167,7 +167,8 @@ void canopy_wish_report(const struct canopy_surface_wish *wish, const struct can
     if (wish->fitting.field) {
         snprintf(how, sizeof how, "fast from field %u", wish->fitting.field);
     } else if (wish->fitting.tight) {
-        snprintf(how, sizeof how, "tight (at most %.2g%% from the tightest possible)", 100.0 * r->fitting.excess);
+        snprintf(how, sizeof how, "tight (at most %.2g%% from the tightest possible%s)", 100.0 * r->fitting.excess,
+                 r->fitting.paired ? " beside the other" : "");
     }
     printf("%" PRIu64
            " points, %ux%u %s, %s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "

@@ -5,6 +5,7 @@
 #include "lib/cover/certify.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/field.h"
+#include "lib/cover/sandwich.h"
 #include "lib/cover/tighten.h"
 #include "tools/common/stopwatch.h"
 
@@ -88,36 +89,53 @@ static enum canopy_status load(const struct canopy_turned *turned, struct canopy
                : canopy_tighten_points_fx(tighten, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
 }
 
-/// Tightens what `fast` gave. Its coefficients are not proved yet, so they are raised where they must be first.
+/// Has the points looked at and the other side kept clear of, and goes as far as it goes.
+static enum canopy_status run_tightening(const struct canopy_turned *turned, struct canopy_tighten *tightening,
+                                         int32_t *coefficients, int32_t *opposite, int32_t *mirror) {
+    enum canopy_status status = load(turned, tightening);
+    if (status == CANOPY_OK && opposite) {
+        status = canopy_sandwich_over(tightening, opposite, mirror);
+    }
+    if (status == CANOPY_OK) {
+        status = canopy_tighten_begin(tightening, coefficients, false);
+    }
+    while (status == CANOPY_OK && canopy_tighten_step(tightening, UINT32_MAX) == CANOPY_MORE) {}
+    return status;
+}
+
+/// Tightens what `fast` gave, clear of the other side's surface if there is one. The coefficients are not proved yet,
+/// so they are raised where they must be first.
 static bool tighten(const struct canopy_turned *turned, const struct canopy_frame *frame, int32_t *coefficients,
-                    struct canopy_fitting_report *report, struct canopy_fault *fault) {
+                    int32_t *opposite, struct canopy_fitting_report *report, struct canopy_fault *fault) {
     const size_t bytes = CANOPY_TIGHTEN_ARENA(frame->size[0], frame->size[1], turned->count);
     void *arena = malloc(bytes);
-    if (!arena) {
+    int32_t *mirror = malloc((size_t)frame->size[0] * frame->size[1] * sizeof *mirror);
+    if (!arena || !mirror) {
+        free(arena);
+        free(mirror);
         return canopy_fault_no_memory(fault);
     }
     struct canopy_tighten tightening;
     enum canopy_status status = canopy_tighten_init(&tightening, frame, turned->count, arena, bytes);
     if (status == CANOPY_OK) {
-        status = load(turned, &tightening);
+        status = run_tightening(turned, &tightening, coefficients, opposite, mirror);
     }
     if (status == CANOPY_OK) {
-        status = canopy_tighten_begin(&tightening, coefficients, false);
-    }
-    if (status == CANOPY_OK) {
-        while (canopy_tighten_step(&tightening, UINT32_MAX) == CANOPY_MORE) {}
         report->iterations = tightening.iterations;
         report->excess = (double)canopy_tighten_excess(&tightening);
+        report->paired = opposite != NULL;
     }
     free(arena);
+    free(mirror);
     return status == CANOPY_OK ||
            canopy_fault_set(fault, "the points cannot be tightened in this frame: choose --method fast or another "
                                    "--frame");
 }
 
-bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
-                        const struct canopy_fitting *fitting, int32_t *coefficients,
-                        struct canopy_fitting_report *report, struct canopy_fault *fault) {
+/// The fast method, in the library's orientation.
+static bool fit(const struct canopy_turned *turned, const struct canopy_frame *frame,
+                const struct canopy_fitting *fitting, int32_t *coefficients, struct canopy_fitting_report *report,
+                struct canopy_fault *fault) {
     const struct resolution r = choose(frame, fitting);
     const size_t field_bytes = CANOPY_FIELD_ARENA(frame->size[0], frame->size[1], r.cells[0], r.cells[1]);
     const size_t fast_bytes = CANOPY_FAST_ARENA(frame->size[0], frame->size[1], r.cells[1], r.lines);
@@ -133,11 +151,38 @@ bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_
                canopy_fast_init(&fast, &field, turned->scalar, r.lines, fast_arena, fast_bytes) != CANOPY_OK) {
         canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
     } else {
-        ok = solve(turned, fitting->field > 0, &field, &fast, coefficients, report, fault) &&
-             (!fitting->tight || tighten(turned, frame, coefficients, report, fault));
-        canopy_fast_orient(frame, coefficients);
+        ok = solve(turned, fitting->field > 0, &field, &fast, coefficients, report, fault);
     }
     free(field_arena);
     free(fast_arena);
+    return ok;
+}
+
+bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
+                        const struct canopy_fitting *fitting, int32_t *coefficients,
+                        struct canopy_fitting_report *report, struct canopy_fault *fault) {
+    const bool ok = fit(turned, frame, fitting, coefficients, report, fault) &&
+                    (!fitting->tight || tighten(turned, frame, coefficients, NULL, report, fault));
+    canopy_fast_orient(frame, coefficients);
+    return ok;
+}
+
+bool canopy_fitting_run_both(const struct canopy_turned *turned, const struct canopy_frame frame[2],
+                             const struct canopy_fitting *fitting, int32_t *const coefficients[2],
+                             struct canopy_fitting_report report[2], struct canopy_fault *fault) {
+    int32_t *upper = coefficients[CANOPY_ABOVE];
+    int32_t *lower = coefficients[CANOPY_BELOW];
+    bool ok = true;
+    for (int k = 0; ok && k < 2; k++) {
+        ok = fit(turned, &frame[k], fitting, coefficients[k], &report[k], fault);
+    }
+    if (ok && fitting->tight) {
+        canopy_sandwich_raise(upper, lower, (size_t)frame[0].size[0] * frame[0].size[1]);
+        ok = tighten(turned, &frame[CANOPY_BELOW], lower, upper, &report[CANOPY_BELOW], fault) &&
+             tighten(turned, &frame[CANOPY_ABOVE], upper, lower, &report[CANOPY_ABOVE], fault);
+    }
+    for (int k = 0; k < 2; k++) {
+        canopy_fast_orient(&frame[k], coefficients[k]);
+    }
     return ok;
 }

@@ -7,11 +7,13 @@
 #define CANOPY_TOOLS_COMMON_OUTPUT_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdio.h>
 
 #include "tools/common/fault.h"
 
-/// One output at a time may be open in a program.
+#define CANOPY_OUTPUTS_MAX 2  ///< as many may be open at a time in a program
+
 struct canopy_output {
     const char *path;  ///< belongs to the caller, valid until commit or abandon
     char *temporary;   ///< the name of what is being written; NULL if `path` itself is
@@ -23,6 +25,9 @@ bool canopy_output_open(struct canopy_output *output, const char *path, struct c
 
 /// Flushes, closes and renames. On failure everything is removed.
 bool canopy_output_commit(struct canopy_output *output, struct canopy_fault *fault);
+
+/// The same for several that belong together: either all get their names or none.
+bool canopy_output_commit_all(struct canopy_output *const outputs[], size_t count, struct canopy_fault *fault);
 
 /// Removes the temporary file. Harmless after commit.
 void canopy_output_abandon(struct canopy_output *output);

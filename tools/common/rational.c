@@ -14,6 +14,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "tools/common/dyadic.h"
+
 struct canopy_rational {
     const struct canopy_surrogate *surrogate;
     int pitch_exponent;
@@ -55,32 +57,6 @@ struct canopy_rational {
         f((r)->d);                                                                                                     \
     } while (0)
 
-/// The exponent of the lowest bit that a double of this size can have; large for zero.
-static int lowest(double x) {
-    int exponent = 0;
-    frexp(x, &exponent);
-    return x == 0.0 ? INT_MAX : exponent - DBL_MANT_DIG;
-}
-
-static int lowest_of(const double *values, size_t count) {
-    int least = INT_MAX;
-    for (size_t i = 0; i < count; i++) {
-        const int now = lowest(values[i]);
-        least = now < least ? now : least;
-    }
-    return least;
-}
-
-/// z = x * 2^-exponent, whole because exponent <= lowest(x).
-static void set(mpz_t z, double x, int exponent) {
-    int own = 0;
-    const double mantissa = ldexp(frexp(x, &own), DBL_MANT_DIG);
-    mpz_set_d(z, mantissa);
-    if (x != 0.0) {
-        mpz_mul_2exp(z, z, (mp_bitcnt_t)(own - DBL_MANT_DIG - exponent));
-    }
-}
-
 /// Multiplies one of two numbers with exponents so that both have the lower one, which is returned.
 static int align(mpz_t x, int x_exponent, mpz_t y, int y_exponent) {
     if (x_exponent >= y_exponent) {
@@ -98,21 +74,21 @@ struct canopy_rational *canopy_rational_open(const struct canopy_surrogate *surr
     }
     EACH_NUMBER(r, mpz_init);
     r->surrogate = surrogate;
-    r->axis_exponent = lowest_of(&surrogate->axes[0][0], 9);
+    r->axis_exponent = canopy_dyadic_exponent_of(&surrogate->axes[0][0], 9);
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            set(r->axes[i][j], surrogate->axes[i][j], r->axis_exponent);
+            canopy_dyadic_set(r->axes[i][j], surrogate->axes[i][j], r->axis_exponent);
         }
     }
-    r->pitch_exponent = lowest_of(surrogate->pitch, 2);
-    set(r->pitch[0], surrogate->pitch[0], r->pitch_exponent);
-    set(r->pitch[1], surrogate->pitch[1], r->pitch_exponent);
-    r->lsb_exponent = lowest(surrogate->lsb);
-    set(r->lsb, surrogate->lsb, r->lsb_exponent);
-    int least = lowest_of(surrogate->coefficients, (size_t)surrogate->size[0] * surrogate->size[1]);
+    r->pitch_exponent = canopy_dyadic_exponent_of(surrogate->pitch, 2);
+    canopy_dyadic_set(r->pitch[0], surrogate->pitch[0], r->pitch_exponent);
+    canopy_dyadic_set(r->pitch[1], surrogate->pitch[1], r->pitch_exponent);
+    r->lsb_exponent = canopy_dyadic_exponent(surrogate->lsb);
+    canopy_dyadic_set(r->lsb, surrogate->lsb, r->lsb_exponent);
+    int least = canopy_dyadic_exponent_of(surrogate->coefficients, (size_t)surrogate->size[0] * surrogate->size[1]);
     for (size_t i = 0; i < surrogate->window_count; i++) {
         const struct canopy_window *w = &surrogate->windows[i];
-        const int now = lowest_of(w->coefficients, (size_t)w->size[0] * w->size[1]);
+        const int now = canopy_dyadic_exponent_of(w->coefficients, (size_t)w->size[0] * w->size[1]);
         least = now < least ? now : least;
     }
     r->coefficient_exponent = least == INT_MAX ? 0 : least;
@@ -128,16 +104,16 @@ void canopy_rational_close(struct canopy_rational *rational) {
 
 /// Q0/Pu, Q1/Pv and Q2 of a point.
 static void locate(struct canopy_rational *r, const double point[3]) {
-    const int of_point = lowest_of(point, 3);
-    const int of_origin = lowest_of(r->surrogate->origin, 3);
+    const int of_point = canopy_dyadic_exponent_of(point, 3);
+    const int of_origin = canopy_dyadic_exponent_of(r->surrogate->origin, 3);
     const int common = of_point < of_origin ? of_point : of_origin;
     const int exponent = common == INT_MAX ? 0 : common;
     for (int i = 0; i < 3; i++) {
         mpz_set_ui(r->numerator[i], 0);
     }
     for (int k = 0; k < 3; k++) {
-        set(r->a, point[k], exponent);
-        set(r->b, r->surrogate->origin[k], exponent);
+        canopy_dyadic_set(r->a, point[k], exponent);
+        canopy_dyadic_set(r->b, r->surrogate->origin[k], exponent);
         mpz_sub(r->a, r->a, r->b);
         for (int i = 0; i < 3; i++) {
             mpz_addmul(r->numerator[i], r->axes[i][k], r->a);
@@ -199,7 +175,7 @@ static void weigh(struct canopy_rational *r, int i) {
 /// total += weights[0][a] * weights[1][b] * coefficient
 static void accumulate(struct canopy_rational *r, int a, int b, double coefficient) {
     if (coefficient != 0.0) {
-        set(r->a, coefficient, r->coefficient_exponent);
+        canopy_dyadic_set(r->a, coefficient, r->coefficient_exponent);
         mpz_mul(r->a, r->a, r->weights[0][a]);
         mpz_addmul(r->total, r->a, r->weights[1][b]);
     }

@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "lib/cover/frame.h"
+#include "tools/common/crossing.h"
 #include "tools/common/device.h"
 #include "tools/common/exact.h"
 #include "tools/common/fault.h"
@@ -27,7 +28,8 @@ struct canopy_surface_wish {
 struct canopy_surface_report {
     struct canopy_exact_result result;  ///< of the coefficients in the surrogate, over all points
     struct canopy_fitting_report fitting;
-    double fit_ms;          ///< points in memory to coefficients, the field's certificate included
+    double fit_ms;          ///< points in memory to coefficients, of both sides if both are wanted; the field's
+                            ///< certificate included
     double certificate_ms;  ///< the last exact pass
 };
 
@@ -38,5 +40,12 @@ struct canopy_surface_report {
 bool canopy_surface_fit(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
                         struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
                         struct canopy_fault *fault);
+
+/// Both sides (wish->side says nothing), in surrogate[side] and report[side]: each as above, and the two cross nowhere
+/// in the frame, which is proved from what they hold; `crossing` says how far they are apart. Each needs
+/// canopy_surrogate_free after success.
+bool canopy_surface_fit_both(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
+                             struct canopy_surrogate surrogate[2], struct canopy_surface_report report[2],
+                             struct canopy_crossing *crossing, struct canopy_fault *fault);
 
 #endif

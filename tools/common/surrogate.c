@@ -364,17 +364,38 @@ static json_t *document(const struct canopy_surrogate *s) {
     return object;
 }
 
-bool canopy_surrogate_write(const char *path, const struct canopy_surrogate *surrogate, struct canopy_fault *fault) {
-    struct canopy_output output;
-    if (!canopy_output_open(&output, path, fault)) {
+/// Opens and fills; nothing has its name yet.
+static bool dump(const char *path, const struct canopy_surrogate *surrogate, struct canopy_output *output,
+                 struct canopy_fault *fault) {
+    if (!canopy_output_open(output, path, fault)) {
         return false;
     }
     json_t *object = document(surrogate);
-    const int status = object ? json_dumpf(object, output.file, JSON_REAL_PRECISION(17) | JSON_COMPACT) : -1;
+    const int status = object ? json_dumpf(object, output->file, JSON_REAL_PRECISION(17) | JSON_COMPACT) : -1;
     json_decref(object);
-    if (status != 0 || fputc('\n', output.file) == EOF) {
-        canopy_output_abandon(&output);
+    if (status != 0 || fputc('\n', output->file) == EOF) {
+        canopy_output_abandon(output);
         return canopy_fault_set(fault, "%s: cannot write the surrogate: give -o a file system with room", path);
     }
-    return canopy_output_commit(&output, fault);
+    return true;
+}
+
+bool canopy_surrogate_write(const char *path, const struct canopy_surrogate *surrogate, struct canopy_fault *fault) {
+    struct canopy_output output;
+    return dump(path, surrogate, &output, fault) && canopy_output_commit(&output, fault);
+}
+
+bool canopy_surrogate_write_both(const char *const paths[2], const struct canopy_surrogate surrogates[2],
+                                 struct canopy_fault *fault) {
+    struct canopy_output first;
+    struct canopy_output second;
+    struct canopy_output *const both[2] = {&first, &second};
+    if (!dump(paths[0], &surrogates[0], &first, fault)) {
+        return false;
+    }
+    if (!dump(paths[1], &surrogates[1], &second, fault)) {
+        canopy_output_abandon(&first);
+        return false;
+    }
+    return canopy_output_commit_all(both, 2, fault);
 }

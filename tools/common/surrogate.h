@@ -49,6 +49,10 @@ bool canopy_surrogate_read(const char *path, struct canopy_surrogate *surrogate,
 /// Writes to `path` with 17 significant digits, whole or not at all (output.h).
 bool canopy_surrogate_write(const char *path, const struct canopy_surrogate *surrogate, struct canopy_fault *fault);
 
+/// Writes two that belong together: either both are there or neither.
+bool canopy_surrogate_write_both(const char *const paths[2], const struct canopy_surrogate surrogates[2],
+                                 struct canopy_fault *fault);
+
 /// Frees what the surrogate points to.
 void canopy_surrogate_free(struct canopy_surrogate *surrogate);
 

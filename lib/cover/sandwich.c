@@ -1,0 +1,210 @@
+#include "lib/cover/sandwich.h"
+
+#include <stdbool.h>
+
+// ---- What any two surfaces are asked
+
+// From b[h-1] … b[h+2] to the Bernstein coefficients of the two halves of knot interval h, which share one, times 48.
+enum { HALVES = 7, HALVES_UNIT = 48 };
+static const int8_t HALF[HALVES][4] = {{8, 32, 8, 0},  {4, 32, 12, 0}, {2, 28, 18, 0}, {1, 23, 23, 1},
+                                       {0, 18, 28, 2}, {0, 12, 32, 4}, {0, 8, 32, 8}};
+_Static_assert(HALVES_UNIT *HALVES_UNIT == CANOPY_SANDWICH_UNITS, "once along u, once along v");
+
+// Sums of at most 48 times an upper and a lower coefficient, then of 48 times those: below 2304 * 2^29 < 2^41.
+static int64_t combine(const int8_t weight[4], const int64_t from[4]) {
+    return weight[0] * from[0] + weight[1] * from[1] + weight[2] * from[2] + weight[3] * from[3];
+}
+
+static uint32_t clamped(uint32_t h, uint32_t a, uint32_t size) {  // h + a - 1, ends repeated
+    const uint32_t i = h + a > 0 ? h + a - 1 : 0;
+    return i < size ? i : size - 1;
+}
+
+// What column j of coefficients is at the Bernstein coefficients along u.
+static void mix_column(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row, uint32_t j,
+                       int64_t to[HALVES]) {
+    int64_t difference[4];
+    for (uint32_t a = 0; a < 4; a++) {
+        const size_t at = (size_t)clamped(row, a, size[0]) * size[1] + j;
+        difference[a] = (int64_t)upper[at] + lower[at];  // the lower one is mirrored
+    }
+    for (int p = 0; p < HALVES; p++) {
+        to[p] = combine(HALF[p], difference);
+    }
+}
+
+int64_t canopy_sandwich_least(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row) {
+    int64_t mixed[4][HALVES], least = INT64_MAX;
+    for (uint32_t w = 0; w + 1 < size[1]; w++) {
+        for (uint32_t b = 0; b < 4; b++) {
+            mix_column(upper, lower, size, row, clamped(w, b, size[1]), mixed[b]);
+        }
+        for (int p = 0; p < HALVES; p++) {
+            const int64_t from[4] = {mixed[0][p], mixed[1][p], mixed[2][p], mixed[3][p]};
+            for (int q = 0; q < HALVES; q++) {
+                const int64_t value = combine(HALF[q], from);
+                least = value < least ? value : least;
+            }
+        }
+    }
+    return least;
+}
+
+uint32_t canopy_sandwich_raise(int32_t *upper, const int32_t *lower, size_t count) {
+    uint32_t raised = 0;
+    for (size_t j = 0; j < count; j++) {
+        if (upper[j] < -lower[j]) {
+            upper[j] = -lower[j];
+            raised++;
+        }
+    }
+    return raised;
+}
+
+// ---- Both sides, fast, from two fields
+
+// Whether two fields are of one frame, the second one's side apart, and cut it alike.
+static bool are_opposite(const struct canopy_field *above, const struct canopy_field *below) {
+    struct canopy_frame turned = below->frame;
+    turned.side = CANOPY_ABOVE;
+    return below->frame.side == CANOPY_BELOW && canopy_frame_difference(&above->frame, &turned) == CANOPY_SAME &&
+           below->axis[0].cells == above->axis[0].cells && below->axis[1].cells == above->axis[1].cells;
+}
+
+enum canopy_status canopy_sandwich_init(struct canopy_sandwich *sandwich, const struct canopy_field *above,
+                                        const struct canopy_field *below, enum canopy_scalar scalar, uint16_t lines,
+                                        void *arena, size_t bytes) {
+    const uint16_t cu = above->axis[0].cells, cv = above->axis[1].cells;
+    if (!are_opposite(above, below) || !above->exact || !below->exact || lines == 0 || cu % lines != 0 ||
+        scalar > CANOPY_FX) {
+        return CANOPY_ARGUMENT;
+    }
+    struct canopy_arena cut;
+    const enum canopy_status status = canopy_arena_open(
+        &cut, arena, bytes, CANOPY_SANDWICH_ARENA(above->frame.size[0], above->frame.size[1], cu, cv, lines));
+    if (status == CANOPY_OK) {
+        *sandwich = (struct canopy_sandwich){
+            .field = {above, below}, .arena = arena, .bytes = bytes, .scalar = (uint8_t)scalar, .lines = lines};
+    }
+    return status;
+}
+
+size_t canopy_sandwich_feed_fx(struct canopy_field *above, struct canopy_field *below, const int32_t (*points)[3],
+                               size_t count) {
+    size_t refused = 0;
+    for (size_t i = 0; i < count; i++) {
+        struct canopy_field_hit hit;
+        const enum canopy_status high = canopy_field_insert_fx(above, points[i], &hit);
+        const enum canopy_status low = canopy_field_insert_fx(below, points[i], &hit);
+        refused += high != CANOPY_OK || low != CANOPY_OK;
+    }
+    return refused;
+}
+
+// From one stage to the next; each begins what its steps go on with.
+
+static enum canopy_status begin_fit(struct canopy_sandwich *s, enum canopy_side side) {
+    s->stage = CANOPY_SANDWICH_FIT;
+    s->side = (uint8_t)side;
+    const enum canopy_status status =
+        canopy_fast_init(&s->fast, s->field[side], (enum canopy_scalar)s->scalar, s->lines, s->arena, s->bytes);
+    return status == CANOPY_OK ? canopy_fast_begin(&s->fast, s->b[side]) : status;
+}
+
+static enum canopy_status begin_certify(struct canopy_sandwich *s, enum canopy_side side) {
+    s->stage = CANOPY_SANDWICH_CERTIFY;
+    s->side = (uint8_t)side;
+    const enum canopy_status status = canopy_certify_init(&s->certify, s->field[side], s->arena, s->bytes);
+    if (status == CANOPY_OK) {
+        canopy_certify_begin(&s->certify, s->b[side]);
+    }
+    return status;
+}
+
+static size_t count_of(const struct canopy_sandwich *s) {
+    return (size_t)s->field[0]->frame.size[0] * s->field[0]->frame.size[1];
+}
+
+static enum canopy_status finish_fit(struct canopy_sandwich *s) {
+    s->solves += s->fast.solves;
+    s->unsettled += s->fast.unsettled;
+    return s->side == CANOPY_ABOVE ? begin_fit(s, CANOPY_BELOW) : begin_certify(s, CANOPY_BELOW);
+}
+
+// What is lacking is raised before the upper surface is raised to the lower one, and in the upper one after it.
+static enum canopy_status finish_certify(struct canopy_sandwich *s) {
+    s->margin[s->side] = s->certify.margin;
+    if (s->side == CANOPY_BELOW) {
+        s->raised = canopy_sandwich_raise(s->b[CANOPY_ABOVE], s->b[CANOPY_BELOW], count_of(s));
+        return begin_certify(s, CANOPY_ABOVE);
+    }
+    s->stage = CANOPY_SANDWICH_CHECK;
+    s->row = 0;
+    s->least = INT64_MAX;
+    return CANOPY_OK;
+}
+
+enum canopy_status canopy_sandwich_begin(struct canopy_sandwich *sandwich, int32_t *upper, int32_t *lower) {
+    struct canopy_sandwich *s = sandwich;
+    s->b[CANOPY_ABOVE] = upper;
+    s->b[CANOPY_BELOW] = lower;
+    s->solves = s->unsettled = s->raised = 0;
+    const enum canopy_status status = begin_fit(s, CANOPY_ABOVE);
+    s->stage = status == CANOPY_OK ? s->stage : CANOPY_SANDWICH_IDLE;
+    return status;
+}
+
+static enum canopy_status step_certify(struct canopy_sandwich *s, uint32_t budget) {
+    const enum canopy_status status = canopy_certify_step(&s->certify, budget);
+    if (status != CANOPY_NOT_SAFE) {
+        return status;
+    }
+    const enum canopy_status raised =
+        canopy_fast_raise(s->field[s->side], s->b[s->side], s->certify.failed_cell, s->certify.missing);
+    return raised == CANOPY_OK ? CANOPY_MORE : raised;
+}
+
+static enum canopy_status step_check(struct canopy_sandwich *s, uint32_t budget) {
+    const uint16_t *size = s->field[0]->frame.size;
+    for (; budget > 0 && s->row + 1U < size[0]; budget--) {
+        const int64_t least = canopy_sandwich_least(s->b[CANOPY_ABOVE], s->b[CANOPY_BELOW], size, s->row++);
+        s->least = least < s->least ? least : s->least;
+    }
+    return s->least < 0 ? CANOPY_NOT_SAFE : s->row + 1U < size[0] ? CANOPY_MORE : CANOPY_OK;
+}
+
+// One stage's steps, and the beginning of the next one.
+static enum canopy_status step_stage(struct canopy_sandwich *s, uint32_t budget) {
+    enum canopy_status status = CANOPY_OK;
+    switch (s->stage) {
+    case CANOPY_SANDWICH_FIT:
+        status = canopy_fast_step(&s->fast, budget);
+        return status == CANOPY_OK ? finish_fit(s) : status;
+    case CANOPY_SANDWICH_CERTIFY:
+        status = step_certify(s, budget);
+        return status == CANOPY_OK ? finish_certify(s) : status;
+    default:
+        status = step_check(s, budget);
+        s->stage = status == CANOPY_OK ? CANOPY_SANDWICH_DONE : s->stage;
+        return status;
+    }
+}
+
+enum canopy_status canopy_sandwich_step(struct canopy_sandwich *sandwich, uint32_t budget) {
+    struct canopy_sandwich *s = sandwich;
+    if (s->stage == CANOPY_SANDWICH_IDLE) {
+        return CANOPY_EMPTY;
+    }
+    if (s->stage == CANOPY_SANDWICH_FAILED) {
+        return (enum canopy_status)s->failure;
+    }
+    if (budget > 0 && s->stage != CANOPY_SANDWICH_DONE) {
+        const enum canopy_status status = step_stage(s, budget);
+        if (status != CANOPY_OK && status != CANOPY_MORE) {
+            s->stage = CANOPY_SANDWICH_FAILED;
+            s->failure = (uint8_t)status;
+            return status;
+        }
+    }
+    return s->stage == CANOPY_SANDWICH_DONE ? CANOPY_OK : CANOPY_MORE;
+}
