@@ -2,17 +2,19 @@
 
 #include <string.h>
 
-#include "lib/inline.h"
+#include "lib/cover/axes.h"
+#include "lib/cover/cell.h"
 #include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 
 static void init_axis(struct canopy_field_axis *axis, const struct canopy_frame *frame, int a, uint16_t cells) {
     const uint32_t pitch = frame->pitch[a];
-    *axis = (struct canopy_field_axis){.origin = frame->origin[a], .pitch = pitch, .cells = cells};
+    const bool straight = canopy_axes_are_straight(frame->axis);
+    *axis = (struct canopy_field_axis){.origin = straight ? frame->origin[a] : 0, .pitch = pitch, .cells = cells};
     axis->count = (frame->size[a] - 1U) * cells;
     const uint64_t width = canopy_frame_width(frame, a);
     // Clipped to what coordinates can be, so that p - origin, taken modulo 2^32, is beyond it for every p outside.
-    const uint32_t reach = (uint32_t)INT32_MAX - (uint32_t)frame->origin[a];
+    const uint32_t reach = straight ? (uint32_t)INT32_MAX - (uint32_t)frame->origin[a] : UINT32_MAX;
     axis->extent = width < reach ? (uint32_t)width : reach;
     axis->cell = pitch % cells == 0 ? pitch / cells : 0;
     const uint64_t reciprocal = ((uint64_t)cells << 32) / pitch;
@@ -64,24 +66,14 @@ void canopy_field_clear(struct canopy_field *field) {
     }
 }
 
-// The cell of an offset below `extent`. The product with the reciprocal, which was rounded down, is the quotient or one
-// less; the remainder tells.
-CANOPY_INLINE uint32_t cell_of(const struct canopy_field_axis *axis, uint32_t offset, bool exact) {
-    const uint32_t cell = (uint32_t)(((uint64_t)offset * axis->reciprocal) >> 32);
-    if (exact) {
-        return cell + (offset - cell * axis->cell >= axis->cell);
-    }
-    return cell + ((uint64_t)(cell + 1) * axis->pitch <= (uint64_t)offset * axis->cells);
-}
-
 // The cell of a coordinate; false beside the frame. The far edge belongs to the last cell.
 CANOPY_INLINE bool find_cell(const struct canopy_field_axis *axis, int32_t p, bool exact, uint32_t *cell) {
     const uint32_t offset = (uint32_t)p - (uint32_t)axis->origin;
     if (offset < axis->extent) {
-        *cell = cell_of(axis, offset, exact);
+        *cell = canopy_cell_of(axis, offset, exact);
         return true;
     }
-    *cell = cell_of(axis, axis->extent, exact);
+    *cell = canopy_cell_of(axis, axis->extent, exact);
     *cell = *cell < axis->count ? *cell : axis->count - 1;
     return offset == axis->extent;
 }

@@ -27,7 +27,7 @@
 
 /// One axis of a field, in quanta.
 struct canopy_field_axis {
-    int32_t origin;
+    int32_t origin;       // the frame's; 0 in a turned one, whose points come as offsets
     uint32_t extent;      // the far edge, from the origin; at most what an int32_t can reach
     uint32_t reciprocal;  // floor(2^32 * cells / pitch)
     uint32_t cell;        // pitch / cells where exact, else 0
@@ -58,6 +58,28 @@ struct canopy_field_hit {
     bool raised;     ///< the cell was lower, or empty
 };
 
+/// Where a reading may be: along the frame's axes, from its origin, in quanta times 2^30, ends included; and the highest
+/// it can be there (mirrored for the side below: minus the lowest).
+struct canopy_field_box_fx {
+    int64_t low[2], high[2], top;
+};
+
+/// The same in float: device units, from the origin in a turned frame. In a frame with axes x, y, z they are the
+/// coordinates themselves (top: mirrored for the side below).
+struct canopy_field_box_f32 {
+    float low[2], high[2], top;
+};
+
+#define CANOPY_FIELD_BOX_CELLS 1024  ///< most cells that one box may raise
+
+/// What a box did to the field: it raised rows first[0] … last[0], columns first[1] … last[1].
+struct canopy_field_patch {
+    uint32_t first[2], last[2];
+    int32_t height;   ///< the box's top in steps
+    uint32_t raised;  ///< how many of the cells were lower, or empty
+    bool partly;      ///< the box reaches beyond the frame: only the part inside counts
+};
+
 /// Makes an empty field. cells: a knot interval in u and v, each 1 to CANOPY_CELLS_MAX and at most the pitch.
 enum canopy_status canopy_field_init(struct canopy_field *field, const struct canopy_frame *frame,
                                      const uint16_t cells[2], void *arena, size_t bytes);
@@ -65,7 +87,7 @@ enum canopy_status canopy_field_init(struct canopy_field *field, const struct ca
 /// Forgets all data.
 void canopy_field_clear(struct canopy_field *field);
 
-/// Takes one point in device units of the frame's scalar. The frame's axes must be x, y, z.
+/// Takes one point in device units of the frame's scalar. The frame's axes must be x, y, z (else: lib/cover/turn.h).
 /// CANOPY_OUT_OF_FRAME: beside the frame. CANOPY_RANGE: too far beyond the frame's heights on the side that matters
 /// (the other side is taken as the lowest height there is). The field is then unchanged. NaN and infinities are no
 /// readings: CANOPY_OUT_OF_FRAME.
@@ -73,6 +95,20 @@ enum canopy_status canopy_field_insert_fx(struct canopy_field *field, const int3
                                           struct canopy_field_hit *hit);
 enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const float point[3],
                                            struct canopy_field_hit *hit);
+
+/// Takes a reading that may be anywhere in a box: raises every cell that the box meets, of the field's frame in any
+/// direction. A box beyond the frame's edges counts as far as it is inside, and patch->partly says so.
+/// CANOPY_OUT_OF_FRAME: all of it is beside the frame, or it is no box (an end that is no number, low above high).
+/// CANOPY_ARGUMENT: it meets more than CANOPY_FIELD_BOX_CELLS cells. CANOPY_RANGE: as above. The field is then
+/// unchanged. Cost: the cells.
+enum canopy_status canopy_field_insert_box_fx(struct canopy_field *field, const struct canopy_field_box_fx *box,
+                                              struct canopy_field_patch *patch);
+enum canopy_status canopy_field_insert_box_f32(struct canopy_field *field, const struct canopy_field_box_f32 *box,
+                                               struct canopy_field_patch *patch);
+
+/// Raises the cells of a patch, which are the field's, to its height; sets patch->raised. CANOPY_ARGUMENT: they are
+/// more than CANOPY_FIELD_BOX_CELLS; nothing is changed.
+enum canopy_status canopy_field_raise(struct canopy_field *field, struct canopy_field_patch *patch);
 
 /// Takes `count` points; returns how many of them were refused.
 size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[3], size_t count);

@@ -1,26 +1,15 @@
 #include <math.h>
 
+#include "lib/cover/cell_f32.h"
 #include "lib/cover/field.h"
 #include "lib/inline.h"
 
-// The float image of an axis and of the heights, made once per batch: frames stay whole.
-struct axis_f32 {
-    float from, to, per_cell, quantum;
-    int32_t origin, cell, last;
-};
-
-struct view_f32 {
-    struct axis_f32 axis[2];
-    float zero, scale;
-    uint32_t columns;
-};
-
-static struct axis_f32 view_axis(const struct canopy_field *field, int a) {
+static struct canopy_axis_f32 view_axis(const struct canopy_field *field, int a) {
     const struct canopy_field_axis *axis = &field->axis[a];
     const struct canopy_frame *frame = &field->frame;
     const float quantum = ldexpf(1.0f, frame->quantum_log2);
-    const int32_t origin = frame->origin[a];
-    return (struct axis_f32){
+    const int32_t origin = axis->origin;
+    return (struct canopy_axis_f32){
         .from = (float)origin * quantum,
         .to = (float)(origin + (int32_t)axis->extent) * quantum,
         .per_cell = (float)axis->cells / ((float)axis->pitch * quantum),
@@ -31,53 +20,35 @@ static struct axis_f32 view_axis(const struct canopy_field *field, int a) {
     };
 }
 
-static struct view_f32 view_of(const struct canopy_field *field) {
+struct canopy_view_f32 canopy_view_of(const struct canopy_field *field) {
     const struct canopy_frame *frame = &field->frame;
     const float scale = ldexpf(1.0f, -(frame->lsb_log2 + frame->quantum_log2));
-    return (struct view_f32){
+    const int32_t zero = canopy_axes_are_straight(frame->axis) ? frame->origin[2] : 0;
+    return (struct canopy_view_f32){
         .axis = {view_axis(field, 0), view_axis(field, 1)},
-        .zero = ldexpf((float)frame->origin[2], frame->quantum_log2),
+        .zero = ldexpf((float)zero, frame->quantum_log2),
         .columns = field->axis[1].count,
         .scale = frame->side == CANOPY_BELOW ? -scale : scale,
     };
 }
 
-// The cell of a coordinate within the axis. The estimate is off by at most one; where edges are floats, they decide.
-CANOPY_INLINE uint32_t cell_of(const struct axis_f32 *axis, float x, bool exact) {
-    int32_t cell = (int32_t)((x - axis->from) * axis->per_cell);
-    cell = cell < axis->last ? cell : axis->last;
-    if (exact) {
-        const int32_t edge = axis->origin + cell * axis->cell;
-        if (x < (float)edge * axis->quantum) {
-            cell--;
-        } else if (cell < axis->last && x >= (float)(edge + axis->cell) * axis->quantum) {
-            cell++;
-        }
-    }
-    return (uint32_t)cell;
-}
-
-// NaN is not.
-static inline bool is_within(float x, float low, float high) { return x >= low && x <= high; }
-
-#define HEIGHT_REACH ((float)(CANOPY_HEIGHT_LIMIT - 4))
-
 // Cell and height of a point in the frame with an ordinary height; false for any other. The height is never too low:
 // the difference is off by half an ulp of at most 2^25 steps, which is 1, and the step up makes the whole number.
-CANOPY_INLINE bool find(const struct view_f32 *view, const float p[3], bool exact, struct canopy_field_hit *hit) {
-    const struct axis_f32 *u = &view->axis[0], *v = &view->axis[1];
+CANOPY_INLINE bool find(const struct canopy_view_f32 *view, const float p[3], bool exact,
+                        struct canopy_field_hit *hit) {
+    const struct canopy_axis_f32 *u = &view->axis[0], *v = &view->axis[1];
     const float height = (p[2] - view->zero) * view->scale;
-    if (!is_within(p[0], u->from, u->to) || !is_within(p[1], v->from, v->to) ||
-        !is_within(height, -HEIGHT_REACH, HEIGHT_REACH)) {
+    if (!canopy_is_within(p[0], u->from, u->to) || !canopy_is_within(p[1], v->from, v->to) ||
+        !canopy_is_within(height, -CANOPY_HEIGHT_REACH_F32, CANOPY_HEIGHT_REACH_F32)) {
         return false;
     }
     hit->height = (int32_t)height + 2;
-    hit->cell = cell_of(u, p[0], exact) * view->columns + cell_of(v, p[1], exact);
+    hit->cell = canopy_cell_of_f32(u, p[0], exact) * view->columns + canopy_cell_of_f32(v, p[1], exact);
     return true;
 }
 
 // The same for every point.
-static enum canopy_status find_any(const struct view_f32 *view, const float p[3], struct canopy_field_hit *hit) {
+static enum canopy_status find_any(const struct canopy_view_f32 *view, const float p[3], struct canopy_field_hit *hit) {
     const bool exact = view->axis[0].cell != 0 && view->axis[1].cell != 0;
     if (find(view, p, exact, hit)) {
         return CANOPY_OK;
@@ -92,7 +63,7 @@ static enum canopy_status find_any(const struct view_f32 *view, const float p[3]
 
 enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const float point[3],
                                            struct canopy_field_hit *hit) {
-    const struct view_f32 view = view_of(field);
+    const struct canopy_view_f32 view = canopy_view_of(field);
     const enum canopy_status status = find_any(&view, point, hit);
     if (status == CANOPY_OK) {
         hit->raised = hit->height > field->heights[hit->cell];
@@ -103,7 +74,7 @@ enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const flo
     return status;
 }
 
-CANOPY_INLINE size_t feed(const struct view_f32 view, int32_t *heights, const float (*points)[3], size_t count,
+CANOPY_INLINE size_t feed(const struct canopy_view_f32 view, int32_t *heights, const float (*points)[3], size_t count,
                           bool exact) {
     size_t refused = 0;
     for (size_t i = 0; i < count; i++) {
@@ -119,6 +90,6 @@ CANOPY_INLINE size_t feed(const struct view_f32 view, int32_t *heights, const fl
 }
 
 size_t canopy_field_feed_f32(struct canopy_field *field, const float (*points)[3], size_t count) {
-    return field->exact ? feed(view_of(field), field->heights, points, count, true)
-                        : feed(view_of(field), field->heights, points, count, false);
+    return field->exact ? feed(canopy_view_of(field), field->heights, points, count, true)
+                        : feed(canopy_view_of(field), field->heights, points, count, false);
 }
