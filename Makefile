@@ -218,7 +218,7 @@ endif
 .PHONY: demo bench
 demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
-bench: $(HOST)/canopy-bench $(HOST)/canopy-bench-alglib $(if $(FW),$(FW)/cycles.elf $(FW_STATIONS)) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
+bench: $(HOST)/canopy-bench $(HOST)/canopy-bench-alglib $(if $(FW),$(FW)/cycles.elf $(FW)/belt.elf $(FW_STATIONS)) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
 	@BUILD=$(BUILD) $(PYTHON) tools/bench/bench.py $(BENCH)
 
 # ---------------------------------------------------------------------------------------------------------------------

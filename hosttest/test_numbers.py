@@ -52,6 +52,13 @@ def test_a_refit_with_its_certificate_costs_a_cortex_m3_at_most_4_million(instru
     assert of_both_scenes(instructions, "_refit") <= 4_000_000
 
 
+def test_a_new_row_of_a_belt_costs_a_cortex_m3_at_most_an_eighth_of_a_full_refit():
+    """The dearest of the rows that were measured, with all that is moved, fitted and certified for it."""
+    counts = bench_firmware.count(BUILD / "mps2_an385" / "belt.elf")
+    for scene in ("hills", "boxes"):
+        assert 8 * counts[f"{scene}_most_row"] <= counts[f"{scene}_full"]
+
+
 def test_no_looser_than_the_paper_read_literally(tmp_path):
     """On the scan that the goal names. Elsewhere the two differ in either direction by what one line's choice gives."""
     if "bun000" not in SCENES:

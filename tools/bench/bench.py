@@ -92,7 +92,7 @@ def firmware(scratch):
     """Instructions on the emulated board, and flash, RAM and stack of the station's images; {} where there are none."""
     images = BUILD / "mps2_an385"
     stations = [images / f"{name}.elf" for name in ("canopy", "canopy-10x10")]
-    if not all(path.exists() for path in stations + [images / "cycles.elf"]):
+    if not all(path.exists() for path in stations + [images / "cycles.elf", images / "belt.elf"]):
         return {}
     progress("instructions, sizes and stack of the firmware")
     maps = [path.with_suffix(".map") for path in stations]
@@ -100,7 +100,7 @@ def firmware(scratch):
     for command in ([ROOT / "tools" / "size.py", "--json", size, *maps],
                     [ROOT / "tools" / "stack.py", "--calls", ROOT / "tools" / "calls.txt", "--json", stack, *stations]):
         subprocess.run([sys.executable, *command], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-    return {"instructions": bench_firmware.count(images / "cycles.elf"),
+    return {"instructions": bench_firmware.count(images / "cycles.elf"), "belt": bench_firmware.count(images / "belt.elf"),
             "size": json.loads(size.read_text(encoding="utf-8")), "stack": json.loads(stack.read_text(encoding="utf-8"))}
 
 
