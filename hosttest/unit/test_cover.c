@@ -694,26 +694,6 @@ UNIT(surface_says_what_is_wrong_with_its_arguments) {
     CHECK_EQ(canopy_fast_begin(&fast, b), CANOPY_EMPTY);
 }
 
-// Data in one corner of the grid, and the coefficients nothing covered can see are those next to the ones that are
-// seen.
-UNIT(what_nothing_covered_sees_is_its_nearest) {
-    const struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 100);
-    struct canopy_field field = field_in(&frame);
-    static const int32_t points[3][3] = {{0, 1000, 70}, {30, 980, 90}, {10, 970, 20}};
-    CHECK_EQ(canopy_field_feed_fx(&field, points, 3), 0);
-    int32_t b[M * N];
-    struct canopy_fast fast;
-    CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
-    CHECK_EQ(canopy_fast_begin(&fast, b), CANOPY_OK);
-    CHECK_EQ(canopy_fast_step(&fast, UINT32_MAX), CANOPY_OK);
-    for (int i = 0; i < M; i++) {
-        for (int j = 0; j < N; j++) {
-            const int row = i < 4 ? i : 3, column = j > N - 4 ? j : N - 3;  // lines 0 and 1 hold, columns N-3 to N-1
-            CHECK_EQ(b[i * N + j], b[row * N + column]);
-        }
-    }
-}
-
 UNIT(raise_keeps_within_the_format) {
     const struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 100);
     struct canopy_field field = field_in(&frame);
@@ -751,5 +731,4 @@ UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_of_a_flat_scene
           lift_looks_at_vertices_and_clears_every_node, surface_is_certified_in_both_scalars,
           certificate_notices_what_is_too_low, certificate_follows_convex_bends, raising_mends_any_surface_in_one_pass,
           certificate_refuses_an_approximate_field, certificate_refuses_what_its_numbers_cannot_hold,
-          surface_says_what_is_wrong_with_its_arguments, what_nothing_covered_sees_is_its_nearest,
-          raise_keeps_within_the_format, envelope_bounds_its_height)
+          surface_says_what_is_wrong_with_its_arguments, raise_keeps_within_the_format, envelope_bounds_its_height)

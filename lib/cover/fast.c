@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "lib/cover/envelope.h"
 #include "lib/cover/fast_parts.h"
 
 const struct canopy_line_fit canopy_line_fits[2] = {
@@ -145,37 +146,6 @@ bool canopy_fast_is_seen(const struct canopy_fast *fast, uint32_t i, uint32_t j)
     return false;
 }
 
-// Where at[i] is not 0 something is there: replaces each by the index of the nearest such, -1 if there is none.
-static void find_nearest(int32_t *at, uint32_t count) {
-    int32_t last = -1, next = -1;
-    for (int32_t i = 0; i < (int32_t)count; i++) {
-        last = at[i] != 0 ? i : last;
-        at[i] = last;
-    }
-    for (int32_t i = (int32_t)count - 1; i >= 0; i--) {
-        if (at[i] == i) {
-            next = i;
-        } else if (next >= 0 && (at[i] < 0 || next - i < i - at[i])) {
-            at[i] = next;
-        }
-    }
-}
-
-// Gives each unseen coefficient of the column in `result` the value of the nearest seen one.
-static void fill_column(struct canopy_fast *fast) {
-    const uint32_t m = fast->field->frame.size[0];
-    int32_t *nearest = fast->line.nodes;  // free once the column is fitted
-    for (uint32_t i = 0; i < m; i++) {
-        nearest[i] = canopy_fast_is_seen(fast, i, fast->index);
-    }
-    find_nearest(nearest, m);
-    for (uint32_t i = 0; i < m; i++) {
-        if (nearest[i] >= 0) {
-            fast->result[i] = fast->result[nearest[i]];
-        }
-    }
-}
-
 static bool column_is_held(const struct canopy_fast *fast, uint32_t j) {
     const uint32_t lines = canopy_fast_line_count(fast);
     for (uint32_t r = 0; r < lines; r++) {
@@ -186,20 +156,32 @@ static bool column_is_held(const struct canopy_fast *fast, uint32_t j) {
     return false;
 }
 
-// Gives each column on which there was nothing to fit the coefficients of the nearest one that was.
-static void fill_columns(struct canopy_fast *fast) {
+static void forget_column(const struct canopy_fast *fast, uint8_t *seen, uint32_t j) {
     const uint32_t m = fast->field->frame.size[0], n = fast->field->frame.size[1];
-    int32_t *nearest = fast->result;  // free once the last column is stored
-    for (uint32_t j = 0; j < n; j++) {
-        nearest[j] = column_is_held(fast, j);
+    for (uint32_t i = 0; i < m; i++) {
+        canopy_bit_clear(seen, i * n + j);
     }
-    find_nearest(nearest, n);
-    int32_t *row = fast->b;
-    for (uint32_t i = 0; i < m; i++, row += n) {
-        for (uint32_t j = 0; j < n; j++) {
-            row[j] = nearest[j] >= 0 ? row[nearest[j]] : 0;  // none if the field was cleared since the fit began
+}
+
+// Finds what is free. Coverage and marks, a bit a coefficient each, stand where the lines' coefficients were, which took
+// at least four bytes for each. A column that has no coefficients, its cells having been cleared since the fit began or
+// filled since the lines were, is as one that nothing sees.
+static bool begin_free(struct canopy_fast *fast) {
+    const uint16_t *size = fast->field->frame.size;
+    uint8_t *coverage = (uint8_t *)fast->g, *seen = coverage + CANOPY_COVERAGE_BYTES(size[0], size[1]);
+    (void)canopy_field_coverage(fast->field, coverage);
+    canopy_free_see(size, coverage, seen);
+    for (uint32_t j = 0; j < size[1]; j++) {
+        if (!column_is_held(fast, j)) {
+            forget_column(fast, seen, j);
         }
     }
+    if (canopy_free_begin(&fast->free, size, seen, fast->b) != CANOPY_OK) {
+        memset(fast->b, 0, 4U * (size_t)size[0] * size[1]);  // the field was cleared since the fit began
+        return false;
+    }
+    canopy_free_straighten(&fast->free);
+    return true;
 }
 
 // What the certificate's 32-bit differences rely on. Data within the frame's own range never come near it.
@@ -228,7 +210,6 @@ static void finish_one(struct canopy_fast *fast) {
         canopy_fast_finish_line(fast, fast->index);
     } else {
         canopy_line_fits[fast->scalar].finish(&fast->line, fast->result);
-        fill_column(fast);
         store_column(fast);
     }
     fast->solves += fast->line.solves;
@@ -243,8 +224,8 @@ static void next_one(struct canopy_fast *fast) {
         fast->index = 0;
         canopy_line_fits[fast->scalar].shape(&fast->line, fast->field->frame.size[0], fast->lines);
     } else if (fast->stage == CANOPY_FAST_COLUMNS && fast->index == fast->field->frame.size[1]) {
-        fill_columns(fast);
-        fast->stage = fits_format(fast) ? CANOPY_FAST_DONE : CANOPY_FAST_FAILED;
+        const bool is_any_seen = begin_free(fast);
+        fast->stage = !fits_format(fast) ? CANOPY_FAST_FAILED : is_any_seen ? CANOPY_FAST_FREE : CANOPY_FAST_DONE;
     }
 }
 
@@ -261,6 +242,9 @@ enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget) {
             finish_one(fast);
             next_one(fast);
         }
+    }
+    if (fast->stage == CANOPY_FAST_FREE && canopy_free_step(&fast->free, budget) == CANOPY_OK) {
+        fast->stage = CANOPY_FAST_DONE;
     }
     switch (fast->stage) {
     case CANOPY_FAST_DONE: return CANOPY_OK;

@@ -7,8 +7,8 @@
 /// With one line a knot interval this is the paper's construction; two or four cost as many times the line solves and
 /// are tighter (docs/numbers.md).
 ///
-/// A coefficient no covered cell can see (all 4 x 4 cells of its support empty) is set to the nearest coefficient that
-/// one can see. It shapes nothing that is covered.
+/// A coefficient no covered cell can see (all 4 x 4 knot cells of its support empty) shapes nothing that is covered: at
+/// the end all such are set so that second differences vanish (free.h).
 ///
 /// The field may rise between the steps of one fit: what a line has already read it no longer sees. The fit is
 /// therefore a proposal; canopy_certify says whether it holds, and canopy_fast_raise mends what rose in between.
@@ -20,6 +20,7 @@
 
 #include "lib/arena.h"
 #include "lib/cover/field.h"
+#include "lib/cover/free.h"
 #include "lib/cover/line.h"
 #include "lib/status.h"
 
@@ -37,6 +38,7 @@ enum canopy_fast_stage {
     CANOPY_FAST_IDLE,
     CANOPY_FAST_LINES,
     CANOPY_FAST_COLUMNS,
+    CANOPY_FAST_FREE,
     CANOPY_FAST_DONE,
     CANOPY_FAST_FAILED
 };
@@ -44,6 +46,7 @@ enum canopy_fast_stage {
 struct canopy_fast {
     const struct canopy_field *field;
     struct canopy_line line;
+    struct canopy_free free;
     uint8_t scalar;          ///< enum canopy_scalar
     uint8_t stage;           ///< enum canopy_fast_stage
     uint16_t lines;          ///< lines a knot interval of u; divides the field's cells
@@ -66,8 +69,8 @@ enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canop
 /// CANOPY_EMPTY: the field has no data.
 enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coefficients);
 
-/// Does at most `budget` units of work, each one iteration of one line. CANOPY_MORE, or CANOPY_OK when it is done;
-/// CANOPY_RANGE: a coefficient left its limit, the result is of no use.
+/// Does at most `budget` units of work, each one iteration of one line, or a unit of free.h. CANOPY_MORE, or CANOPY_OK
+/// when it is done; CANOPY_RANGE: a coefficient left its limit, the result is of no use.
 /// The coefficients are in the library's orientation: above, mirrored for the side below.
 enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget);
 
