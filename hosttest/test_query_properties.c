@@ -1,6 +1,6 @@
-// The questions of lib/cover/query* against references that share nothing with them: the surface as the sum of piecewise
-// cubics of |x| over all coefficients, in rational numbers of GMP, and dense sampling of the same in double, whose
-// largest finds are then judged in rational numbers.
+// The questions of lib/cover/query* against references that share nothing with them: the surface as the sum of
+// piecewise cubics of |x| over all coefficients, in rational numbers of GMP, and dense sampling of the same in double,
+// whose largest finds are then judged in rational numbers.
 
 #include <math.h>
 #include <setjmp.h>
@@ -384,6 +384,31 @@ static void check_extreme(uint64_t seed) {
     }
 }
 
+// With few parts remembered the bound is loose, but it still holds: against what a search with many attains.
+static void check_few_nodes(uint64_t seed) {
+    static struct canopy_extreme_node nodes[4096];
+    struct scene s;
+    make_scene(&s, seed, 28);
+    const int sign = below(&s, 2) == 0 ? 1 : -1;
+    const enum canopy_extreme_kind kind = sign == 1 ? CANOPY_HIGHEST : CANOPY_LOWEST;
+    struct canopy_extreme search;
+    REQUIRE(canopy_extreme_begin(&search, &s.subject, &s.rect, kind, 2, nodes, 4096) == CANOPY_OK);
+    if (canopy_extreme_step(&search, 4000) == CANOPY_EMPTY) {
+        return;
+    }
+    const int32_t attained = canopy_extreme_answer(&search).attained;
+    for (uint32_t room = 1; room <= 8; room++) {
+        REQUIRE(canopy_extreme_begin(&search, &s.subject, &s.rect, kind, 2, nodes, room) == CANOPY_OK);
+        (void)canopy_extreme_step(&search, 4000);
+        REQUIRE(sign * canopy_extreme_answer(&search).bound >= sign * attained);
+    }
+}
+
+static void what_is_not_remembered_still_counts(void **state) {
+    (void)state;
+    seeds_run(1000, check_few_nodes);
+}
+
 static void no_extreme_is_passed(void **state) {
     (void)state;
     seeds_run(1500, check_extreme);
@@ -407,7 +432,7 @@ static void check_cell(uint64_t seed) {
         REQUIRE(sample(&s.subject, &cell, sign, &best[k], at));
         REQUIRE(sign * compare_at(&s.subject, at, PARTS, bound[k]) <= 0);
     }
-    // A cubic's Bernstein coefficients spread over at most 9 times its range along each axis (Bernstein basis' condition).
+    // A cubic's Bernstein coefficients spread over at most 9 times its range along each axis.
     REQUIRE((double)bound[1] - bound[0] <= 81 * (best[0] + best[1]) + 1e-3 * fabs(best[0]) + 4);
 }
 
@@ -802,6 +827,7 @@ int main(void) {
     }
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(no_extreme_is_passed),
+        cmocka_unit_test(what_is_not_remembered_still_counts),
         cmocka_unit_test(no_cell_is_passed),
         cmocka_unit_test(places_are_within_their_error),
         cmocka_unit_test(volumes_are_between_their_bounds),

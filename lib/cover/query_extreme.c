@@ -6,8 +6,8 @@
 #include "lib/cover/line.h"
 #include "lib/num/fixed.h"
 
-// Patches are cut at the window in units of 1/36 step and then counted in units 2^8 times finer, so that the cuts of the
-// search cost next to nothing: less than 3 fine units along each axis, and 3 more for the halving.
+// Patches are cut at the window in units of 1/36 step and then counted in units 2^8 times finer, so that the cuts of
+// the search cost next to nothing: less than 3 fine units along each axis, and 3 more for the halving.
 #define FINE_BITS 8
 #define FINE_STEP ((int64_t)CANOPY_PATCH_STEP << FINE_BITS)
 #define LOSS (((int64_t)CANOPY_PATCH_LOSS << FINE_BITS) + 9)

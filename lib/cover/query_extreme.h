@@ -1,5 +1,5 @@
-/// The highest or lowest that a surface can be over a window, guaranteed; and with it the clearance between two surfaces
-/// or to a plane.
+/// The highest or lowest that a surface can be over a window, guaranteed; and with it the clearance between two
+/// surfaces or to a plane.
 ///
 /// What comes out is a pair: a *bound*, which the subject passes nowhere on the window, and a value that it *attains*
 /// there, with the place. The truth is between the two, so their difference says how loose the bound is. Work can stop

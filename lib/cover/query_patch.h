@@ -42,7 +42,7 @@ enum canopy_status canopy_patch_gather(const struct canopy_query_subject *subjec
 void canopy_patch_cell(const struct canopy_query_subject *subject, int32_t sign, uint32_t row, uint32_t column,
                        const int32_t d[16], int64_t c[16]);
 
-/// From the coefficients over a cell to those over its part from …  to, 2^-bits, along axis 0 (u) or 1 (v): polar forms
+/// From the coefficients over a cell to those over its part from … to, 2^-bits, along axis 0 or 1: polar forms
 /// (blossoms) at from and to, three straight mixtures one after the other, each rounded down by less than one unit.
 /// Differences of coefficients times 2^bits must be below 2^63.
 void canopy_patch_cut(int64_t c[16], int axis, uint32_t from, uint32_t to, unsigned bits);

@@ -4,13 +4,13 @@
 ///
 /// Finer, at half the pitch: knot insertion. The spline stays the same but for two things, both on the safe side: whole
 /// steps (less than one step along each axis), and the outermost knot interval at each edge of the frame. There the
-/// coefficient outside the grid is the last one repeated, on the old pitch b[-1] = b[0]; the inserted ones would be b[0]
-/// and (7 b[0] + b[1])/8, which are not one number. The smallest one that stands for both is
+/// coefficient outside the grid is the last one repeated, on the old pitch b[-1] = b[0]; the inserted ones would be
+/// b[0] and (7 b[0] + b[1])/8, which are not one number. The smallest one that stands for both is
 ///
 ///     max((7 b[0] + b[1])/8, (9 b[0] + b[1])/10),
 ///
-/// because where their B-splines overlap the outer one is largest, 1 : 4, at the edge itself. It moves the surface by at
-/// most 1/100 of |b[1] - b[0]| where b falls towards the inside, by 1/48 where it rises.
+/// because where their B-splines overlap the outer one is largest, 1 : 4, at the edge itself. It moves the surface by
+/// at most 1/100 of |b[1] - b[0]| where b falls towards the inside, by 1/48 where it rises.
 ///
 /// Any other grid, of the same box or a part of it: a new field is filled with what the old surface can be at most over
 /// each of its cells (query_extreme.h), and canopy_fast and canopy_certify make a surface above that, as they do from
@@ -48,10 +48,10 @@ struct canopy_regrid {
     struct canopy_extreme_node nodes[CANOPY_EXTREME_NODES];
 };
 
-/// Begins to fill `field`, whose frame is one of canopy_regrid_frame with box->low = corner, with the old surface. Cells
-/// are widened by `wide` quanta of the old frame on every side before they are asked about (0, unless the origin of the
-/// new frame is not exact); `cuts` is the most that is spent on a cell beyond one look at each knot cell it meets (0 to
-/// 8 are of use). The field is cleared.
+/// Begins to fill `field`, whose frame is one of canopy_regrid_frame with box->low = corner, with the old surface.
+/// Cells are widened by `wide` quanta of the old frame on every side before they are asked about (0, unless the origin
+/// of the new frame is not exact); `cuts` is the most that is spent on a cell beyond one look at each knot cell it
+/// meets (0 to 8 are of use). The field is cleared.
 void canopy_regrid_begin(struct canopy_regrid *regrid, const struct canopy_envelope *old, const uint32_t corner[2],
                          uint32_t wide, uint32_t cuts, struct canopy_field *field);
 

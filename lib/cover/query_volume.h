@@ -11,8 +11,8 @@
 /// {z, {0, 0}} in 2^-16 steps. Between two times of one scene, subject {after, before}, it is what was added less what
 /// was taken away.
 ///
-/// Overflow: none. A window has less than 2^64 quanta^2 and the subject less than 2^30 steps: with the 576, 104 of the 128
-/// bits that a sum has.
+/// Overflow: none. A window has less than 2^64 quanta^2 and the subject less than 2^30 steps: with the 576, 104 of the
+/// 128 bits that a sum has.
 #ifndef CANOPY_COVER_QUERY_VOLUME_H
 #define CANOPY_COVER_QUERY_VOLUME_H
 
