@@ -5,7 +5,8 @@
 enum canopy_status canopy_refine_certify_init(struct canopy_refine_certify *certify, const struct canopy_field *field,
                                               struct canopy_certify *base, void *arena, size_t bytes) {
     const uint16_t cu = field->axis[0].cells, cv = field->axis[1].cells;
-    if (!field->exact || base->field != field) {
+    const uint8_t level = cu % 4 == 0 && cv % 4 == 0 ? 2 : 1;
+    if (!field->exact || base->field != field || cu % 2 != 0 || cv % 2 != 0) {
         return CANOPY_ARGUMENT;
     }
     struct canopy_arena cut;
@@ -13,34 +14,24 @@ enum canopy_status canopy_refine_certify_init(struct canopy_refine_certify *cert
     if (status != CANOPY_OK) {
         return status;
     }
-    *certify = (struct canopy_refine_certify){.field = field, .base = base};
+    *certify = (struct canopy_refine_certify){.field = field, .base = base, .level = level};
     for (int a = 0; a < 2; a++) {
         certify->weights[a] = canopy_arena_take(&cut, 12U * CANOPY_BEZIER_LATTICE(field->axis[a].cells / 2U));
+        canopy_bezier_weights(certify->weights[a], (uint16_t)(field->axis[a].cells >> level));
     }
     return CANOPY_OK;
 }
 
 enum canopy_status canopy_refine_certify_begin(struct canopy_refine_certify *certify, const int32_t *coefficients,
                                                const struct canopy_refinement *windows, uint32_t count) {
-    unsigned level = 1;
     for (uint32_t k = 0; k < count; k++) {
-        if (windows[k].level < 1 || windows[k].level > CANOPY_REFINEMENT_LEVELS) {
+        if (windows[k].level < 1 || windows[k].level > certify->level) {
             return CANOPY_ARGUMENT;
         }
-        level = windows[k].level > level ? windows[k].level : level;
-    }
-    for (int a = 0; a < 2; a++) {
-        if (certify->field->axis[a].cells % (1U << level) != 0) {
-            return CANOPY_ARGUMENT;
-        }
-    }
-    for (int a = 0; a < 2; a++) {
-        canopy_bezier_weights(certify->weights[a], (uint16_t)(certify->field->axis[a].cells >> level));
     }
     certify->b = coefficients;
     certify->windows = windows;
     certify->count = count;
-    certify->level = (uint8_t)level;
     certify->next = 0;
     certify->margin = INT32_MAX;
     return CANOPY_OK;

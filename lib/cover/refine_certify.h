@@ -1,9 +1,9 @@
 /// The certificate of a surface with windows, from the field: is it above every point of every covered cell?
 ///
 /// It goes beside canopy_certify, which is about the base alone: where no window reaches, the base's certificate is the
-/// surface's. Where one does, each fine cell (2^-k of a knot interval, k the largest level of the list) is one spline of
-/// 4 x 4 coefficients (canopy_refined_cell, exact but for a last floor). Over each of the field's cells in it, S lies
-/// above the least of its 16 Bernstein coefficients, which are those of the four by lib/spline/bezier.h, rounded down,
+/// surface's. Where one does, each fine cell (a quarter of a knot interval, or half of one where the field's cells
+/// allow no more) is one spline of 4 x 4 coefficients (canopy_refined_cell, exact but for a last floor). Over each of
+/// the field's cells in it, S lies above the least of its 16 Bernstein coefficients (lib/spline/bezier.h), rounded down
 /// first along u and then along v: none of their weights is negative, so that both floors lower the bound.
 ///
 /// A cell may be safe although that bound is too low: where a window has no negative coefficient in sight it does not
@@ -45,13 +45,14 @@ struct canopy_refine_certify {
     int32_t missing;       ///< … and by how much
 };
 
-/// Prepares to certify on `field`; `base` is a certificate of the same field. CANOPY_ARGUMENT: the field is not exact.
+/// Prepares to certify on `field`; `base` is a certificate of the same field. CANOPY_ARGUMENT: the field is not exact,
+/// or its cells a knot interval are odd.
 enum canopy_status canopy_refine_certify_init(struct canopy_refine_certify *certify, const struct canopy_field *field,
                                               struct canopy_certify *base, void *arena, size_t bytes);
 
 /// Begins with coefficients and windows in the library's orientation: above, mirrored for the side below. `base` has
-/// certified the coefficients and is left alone until the end. CANOPY_ARGUMENT: the field's cells a knot interval are
-/// no multiple of 2^level of some window, or a level is none.
+/// certified the coefficients and is left alone until the end. CANOPY_ARGUMENT: a level is none, or 2 where the
+/// field's cells a knot interval are no multiple of 4.
 enum canopy_status canopy_refine_certify_begin(struct canopy_refine_certify *certify, const int32_t *coefficients,
                                                const struct canopy_refinement *windows, uint32_t count);
 
