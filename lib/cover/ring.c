@@ -40,7 +40,7 @@ static bool turn_box(const struct canopy_ring_config *config, int32_t low[3], in
 
 static bool is_valid(const struct canopy_ring_config *config) {
     return config->heading <= CANOPY_AGAINST_Y && config->scalar <= CANOPY_FX && config->open >= 1 &&
-           config->open <= CANOPY_SIZE_MAX;
+           config->open <= CANOPY_SIZE_MAX && config->lines >= 1 && config->grid.cells % config->lines == 0;
 }
 
 static enum canopy_status make_fields(struct canopy_ring *ring, const struct canopy_frame *frame, void *heights,
