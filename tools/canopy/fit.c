@@ -11,17 +11,25 @@ static const char DOC[] =
     "file.\v" CANOPY_OPERANDS_POINTS
     "The surface is a uniform bicubic spline with MxN coefficients over the smallest frame that holds every point. "
     "Safe means: in exact arithmetic, at every point as the device receives it (f32: (float)(p / unit); fx: "
-    "rint(p / unit)). What is written has been checked so, from the coefficients that are written.\n\n"
-    "Prints one line: points, grid, method, unit and the most that rounding to the device's numbers moved a "
+    "rint(p / unit)). What is written has been checked so, from the coefficients that are written. --refine adds "
+    "windows with finer knots; the surface stays safe and twice continuously differentiable across their edges.\n\n"
+    "Prints one line: points, grid (with the number of all coefficients where there are windows), method, unit and the "
+    "most that rounding to the device's numbers moved a "
     "coordinate, mean and largest gap in per cent of the points' height range, certified margin in input units, "
     "iterations, milliseconds of the fit and of the certificate.\n\n"
     "Exit status: 0 done; 2 bad input, with one line that says where and what to do, and no output file; 64 wrong "
     "usage.";
 
-enum { SIDE = 256 };
+enum { SIDE = 256, REFINE };
 
 static const struct argp_option OPTIONS[] = {
     {"side", SIDE, "above|below", 0, "the surface is above all points (default), or below", 0},
+    {"refine", REFINE, "WHERE[@LEVEL]", 0,
+     "finer knots where they matter, at half the pitch (LEVEL 1, default) or a quarter (2). WHERE is N: that many "
+     "windows, up to 8, each a quarter of the grid wide, where the surface is farthest from the points; N:RxC: N "
+     "windows of RxC knot intervals; or X0,Y0,X1,Y1: the window between two corners, in input units along the frame's "
+     "first and second axis (x and y unless --dir). May be given several times",
+     0},
     {"output", 'o', "OUT.json", 0, "write the surrogate here; without it only the line is printed", 0},
     {0}};
 
@@ -29,6 +37,8 @@ struct arguments {
     struct canopy_wish wish;
     const char *output;
     enum canopy_side side;
+    const char *refine[CANOPY_REFINEMENTS_MAX + 1];  ///< one too many is said to be so later
+    uint32_t refine_count;
 };
 
 static error_t parse(int key, char *text, struct argp_state *state) {
@@ -39,15 +49,29 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     case SIDE:
         a->side = canopy_wish_word(state, "side", text, "above", "below") ? CANOPY_BELOW : CANOPY_ABOVE;
         return 0;
+    case REFINE:
+        if (a->refine_count <= CANOPY_REFINEMENTS_MAX) {
+            a->refine[a->refine_count++] = text;
+        }
+        return 0;
     case ARGP_KEY_END: canopy_wish_end(&a->wish, state); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }
 
+static bool read_refining(const struct arguments *a, struct canopy_refining *refining, struct canopy_fault *fault) {
+    bool ok = true;
+    for (uint32_t k = 0; ok && k < a->refine_count; k++) {
+        ok = canopy_refining_read(a->refine[k], refining, fault);
+    }
+    return ok;
+}
+
 static bool run(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_fault *fault) {
     struct canopy_surface_wish wish;
     struct canopy_loaded loaded;
-    if (!canopy_wish_read(&a->wish, frame, &wish, fault) || !canopy_wish_load(&a->wish, &wish, &loaded, fault)) {
+    if (!canopy_wish_read(&a->wish, frame, &wish, fault) || !read_refining(a, &wish.refining, fault) ||
+        !canopy_wish_load(&a->wish, &wish, &loaded, fault)) {
         return false;
     }
     wish.side = a->side;

@@ -163,17 +163,23 @@ bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wis
 
 void canopy_wish_report(const struct canopy_surface_wish *wish, const struct canopy_loaded *loaded,
                         const struct canopy_surface_report *r, const char *output) {
-    char how[80] = "fast";
+    char how[100] = "fast";
+    char windows[80] = "";
+    if (r->windows > 0) {
+        snprintf(windows, sizeof windows, " with %zu window%s (%zu coefficients)", r->windows,
+                 r->windows > 1 ? "s" : "", r->coefficients);
+    }
     if (wish->fitting.field) {
         snprintf(how, sizeof how, "fast from field %u", wish->fitting.field);
     } else if (wish->fitting.tight) {
-        snprintf(how, sizeof how, "tight (at most %.2g%% from the tightest possible%s)", 100.0 * r->fitting.excess,
+        snprintf(how, sizeof how, "tight (%sat most %.2g%% from the tightest possible%s)",
+                 r->windows > 0 ? "without windows " : "", 100.0 * r->fitting.excess,
                  r->fitting.paired ? " beside the other" : "");
     }
     printf("%" PRIu64
-           " points, %ux%u %s, %s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "
+           " points, %ux%u%s %s, %s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "
            "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
-           r->result.points, wish->size[0], wish->size[1], wish->side == CANOPY_ABOVE ? "above" : "below", how,
+           r->result.points, wish->size[0], wish->size[1], windows, wish->side == CANOPY_ABOVE ? "above" : "below", how,
            wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
            canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->fitting.iterations, r->fit_ms,
            r->certificate_ms, output ? ", " : "", output ? output : "");

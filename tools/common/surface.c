@@ -10,6 +10,7 @@
 
 #include "lib/cover/sandwich.h"
 #include "tools/common/framing.h"
+#include "tools/common/refining.h"
 #include "tools/common/stopwatch.h"
 #include "tools/common/turn.h"
 
@@ -167,6 +168,20 @@ static bool attempt(struct job *job, int quanta, bool *outside) {
     return ok;
 }
 
+/// Adds the windows to a side that is safe, and settles it again.
+static bool refine(const struct job *job, int side) {
+    const struct canopy_surface_wish *wish = job->wish;
+    const struct canopy_cloud cloud = canopy_device_list_cloud(job->points);
+    const double start = canopy_stopwatch_ms();
+    const bool ok = wish->fitting.field
+                        ? canopy_refining_field(&wish->refining, &job->turned, &job->frame[side], wish->fitting.field,
+                                                job->surrogate[side], job->fault)
+                        : canopy_refining_points(&wish->refining, &cloud, job->surrogate[side], job->fault);
+    job->report[side]->fit_ms += canopy_stopwatch_ms() - start;
+    bool outside;
+    return ok && settle(job, side, &outside);
+}
+
 /// What holds now is written into the surrogate: its coverage and its certificate.
 static bool finish(const struct job *job, int side) {
     struct canopy_surrogate *s = job->surrogate[side];
@@ -182,6 +197,11 @@ static bool finish(const struct job *job, int side) {
     const struct canopy_cloud cloud = canopy_device_list_cloud(job->points);
     canopy_exact_coverage(exact, &cloud, s->trim);
     canopy_exact_close(exact);
+    job->report[side]->windows = s->window_count;
+    job->report[side]->coefficients = coefficient_count(job);
+    for (size_t w = 0; w < s->window_count; w++) {
+        job->report[side]->coefficients += (size_t)s->windows[w].size[0] * s->windows[w].size[1];
+    }
     s->certified = true;
     s->margin = result->margin;
     s->points = (double)result->points;
@@ -267,6 +287,8 @@ static bool run(struct job *job) {
     }
     if (ok && job->surrogate[0] && job->surrogate[1]) {
         ok = part(job);
+    } else if (ok && job->wish->refining.count > 0) {
+        ok = refine(job, job->wish->side);
     }
     for (int side = 0; side < 2; side++) {
         ok = ok && (!job->surrogate[side] || finish(job, side));

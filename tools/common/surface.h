@@ -11,6 +11,7 @@
 #include "tools/common/exact.h"
 #include "tools/common/fault.h"
 #include "tools/common/fitting.h"
+#include "tools/common/refining.h"
 #include "tools/common/surrogate.h"
 
 /// How to fit.
@@ -22,6 +23,7 @@ struct canopy_surface_wish {
     double direction[3];        ///< from the scene to the viewer, any length but 0
     struct canopy_fitting fitting;
     const struct canopy_surrogate *frame;  ///< whose frame to use, of the same size; NULL: the smallest
+    struct canopy_refining refining;       ///< windows, of one side alone; none of both
 };
 
 /// What came out. Milliseconds are processor time of the calling thread.
@@ -31,6 +33,8 @@ struct canopy_surface_report {
     double fit_ms;          ///< points in memory to coefficients, of both sides if both are wanted; the field's
                             ///< certificate included
     double certificate_ms;  ///< the last exact pass
+    size_t windows;         ///< how many there are, and all coefficients, theirs included
+    size_t coefficients;
 };
 
 /// Fits, certifies with exact.c, shifts the surface by what is missing (or more than needed) and certifies again. A
