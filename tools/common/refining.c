@@ -432,7 +432,7 @@ bool canopy_refining_points(const struct canopy_refining *refining, const struct
 struct from_field {
     struct canopy_surrogate *surrogate;
     struct canopy_field field;
-    int32_t *b;  ///< in the library's orientation
+    const int32_t *b;  ///< in the library's orientation
     struct canopy_certify base;
     struct canopy_refine_certify certify;
     void *arena[3];
@@ -529,11 +529,12 @@ bool canopy_refining_field(const struct canopy_refining *refining, const struct 
         ok = cells % step == 0 || canopy_fault_set(fault, "--refine %.60s: give a --field that is a multiple of %u",
                                                    refining->requests[k].text, step);
     }
-    from.b = ok ? take_coefficients(surrogate, fault) : NULL;
-    ok = from.b && fill(&from, turned, frame, cells, fault) && certify_base(&from, cells, fault) &&
+    int32_t *b = ok ? take_coefficients(surrogate, fault) : NULL;
+    from.b = b;
+    ok = b && fill(&from, turned, frame, cells, fault) && certify_base(&from, cells, fault) &&
          add_all(refining, &ground, &supply, &windows, fault) && certify_all(&from, &windows, fault);
     free_windows(&windows);
-    free(from.b);
+    free(b);
     for (int k = 0; k < 3; k++) {
         free(from.arena[k]);
     }

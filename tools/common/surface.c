@@ -288,7 +288,7 @@ static bool run(struct job *job) {
     if (ok && job->surrogate[0] && job->surrogate[1]) {
         ok = part(job);
     } else if (ok && job->wish->refining.count > 0) {
-        ok = refine(job, job->wish->side);
+        ok = refine(job, (int)job->wish->side);
     }
     for (int side = 0; side < 2; side++) {
         ok = ok && (!job->surrogate[side] || finish(job, side));
