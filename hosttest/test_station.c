@@ -814,7 +814,7 @@ static void test_refused_frames_change_nothing(void **state) {
             case 5: frame.cells = 2; break;
             case 6: frame.side = CANOPY_BELOW; break;
             case 7: frame.quantum_log2 = 1; break;
-            case 8: frame.axis[0][1] = 1; break;
+            case 8: frame.axis[0][1] = 1 << 20; break;
             default: frame.axis[2][2] = -frame.axis[2][2]; break;
             }
             assert_int_equal(canopy_station_begin(&w->station, &frame), CANOPY_ARGUMENT);

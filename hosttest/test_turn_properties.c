@@ -1,7 +1,7 @@
 // Frames in any direction against rational arithmetic (GMP), which shares nothing with lib/cover: axes are nearly
 // orthonormal and where they ought to be; a frame around a turned cloud holds every point; every cell in which a point,
-// or any place of an uncertain reading's box, truly is has been raised at least to where it truly is; and what is fitted
-// and certified from such a field is on the safe side of every point. Both scalars, both sides, directions and
+// or any place of an uncertain reading's box, truly is has been raised at least to where it truly is; and what is
+// fitted and certified from such a field is on the safe side of every point. Both scalars, both sides, directions and
 // coordinates made to hurt. CANOPY_CLOUDS sets how many; a failure prints the seed, CANOPY_SEED=n runs that one alone.
 
 #include <math.h>
@@ -411,8 +411,8 @@ static enum canopy_status insert_box(const struct scene *s, const struct canopy_
     return canopy_field_insert_box_fx(field, &box, patch);
 }
 
-// One uncertain reading alone in a field: every place it may be, inside the frame, is under its cell; if one is outside,
-// that is told.
+// One uncertain reading alone in a field: every place it may be, inside the frame, is under its cell; if one is
+// outside, that is told.
 static void check_box(struct scene *s, const struct canopy_frame *frame, bool exact, struct truth *t) {
     struct canopy_field field;
     struct canopy_field_patch patch;

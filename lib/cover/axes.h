@@ -1,10 +1,10 @@
 /// The axes of a frame, from a viewing direction or from three points: three rows of integers, times CANOPY_AXIS_ONE,
 /// for u, v and the height.
 ///
-/// What a frame means is the exact linear map of these integers (q = axes (p - origin)), so nothing that is proved hangs
-/// on their being orthonormal. They are so within CANOPY_AXES_ERROR: every inner product of two rows, in units of 2^-30,
-/// is that near to 2^30 (of a row with itself) or 0. They are right-handed. The same integers come out on every machine;
-/// there is no floating point, and none of libm, in the fixed-point functions.
+/// What a frame means is the exact linear map of these integers (q = axes (p - origin)), so nothing that is proved
+/// hangs on their being orthonormal. They are so within CANOPY_AXES_ERROR: every inner product of two rows, in units of
+/// 2^-30, is that near to 2^30 (of a row with itself) or 0. They are right-handed. The same integers come out on every
+/// machine; there is no floating point, and none of libm, in the fixed-point functions.
 ///
 /// Cost: three integer square roots of 32 steps and nine 64-bit divisions. Made once a frame.
 #ifndef CANOPY_COVER_AXES_H

@@ -34,4 +34,12 @@ bool canopy_envelope_covers(const struct canopy_envelope *envelope, uint32_t u, 
 enum canopy_status canopy_envelope_height(const struct canopy_envelope *envelope, uint32_t u, uint32_t v, int32_t *low,
                                           int32_t *high);
 
+/// Bounds of the surface over a box, ends included, in quanta times 2^30 from the frame's origin along its axes: low <=
+/// S <= high wherever the box and the frame meet. With from = to it is one place, which need not be a whole quantum,
+/// and the bounds are those of canopy_envelope_height. Else they are wider by half the box's widths times the steepest
+/// the surface can be there (the largest differences of neighbouring coefficients that shape it), each way.
+/// CANOPY_OUT_OF_FRAME: they do not meet; the bounds are unchanged. Cost: an evaluation and the box's coefficients.
+enum canopy_status canopy_envelope_over(const struct canopy_envelope *envelope, const int64_t from[2],
+                                        const int64_t to[2], int32_t *low, int32_t *high);
+
 #endif

@@ -6,7 +6,8 @@
 ///   fixed point   q * 2^30 is a whole number and is made exactly: rows of a rotation and coordinates of 32 bits keep
 ///                 every partial sum of axes p - axes origin below 1.7321 * 2^62 (Cauchy-Schwarz), so 64 bits hold it.
 ///                 Cell edges are whole quanta: the cell is exact. Only the height is rounded, up, to whole steps.
-///   float         u and v are intervals and the height is the upper end of one; CANOPY_TURN_ERROR_F32 derives how wide.
+///   float         u and v are intervals and the height is the upper end of one; CANOPY_TURN_ERROR_F32 derives how
+///   wide.
 ///
 /// A reading's uncertainty is a box in device axes, +- its half-widths; in the frame's axes that is within a box with
 /// half-widths sum |axis| * uncertainty, and every cell the box meets is raised to the top of it (cover.md 5). So the
@@ -84,20 +85,20 @@ void canopy_turned_box_add_fx(struct canopy_turned_box_fx *box, const int32_t ax
 /// A small frame with these axes that holds every point of the box, exactly: 0 <= u <= m - 1, 0 <= v <= n - 1. The
 /// origin is a point of whole device units; with axes that are not along the coordinates it stands up to sqrt(3) units
 /// beside the box's corner, so that a side is at most that and the pitch's rounding longer than it must be. With axes
-/// x, y and z it is canopy_frame_around_fx.
-/// CANOPY_ARGUMENT: the grid is out of range, the box is empty, the axes are not sound. CANOPY_RANGE: a corner of the
-/// box is beyond 32 bits although its points are not, or the frame is 2^32 units wide or high. *frame is then unchanged.
+/// x, y and z it is canopy_frame_around_fx. CANOPY_ARGUMENT: the grid is out of range, the box is empty, the axes are
+/// not sound. CANOPY_RANGE: a corner of the box is beyond 32 bits although its points are not, or the frame is 2^32
+/// units wide or high. *frame is then unchanged.
 enum canopy_status canopy_frame_around_turned_fx(struct canopy_frame *frame, const struct canopy_grid *grid,
                                                  const int32_t axes[3][3], const struct canopy_turned_box_fx *box);
 
 // ---------------------------------------------------------------------------------------------------------------------
 // Float
 
-/// q as computed is within CANOPY_TURN_ERROR_F32 * g + CANOPY_TURN_LEAST_F32 of the true one, and so are the ends of the
-/// interval q +- that, rounded; g = |d0| + |d1| + |d2| as computed, d = p - origin.
+/// q as computed is within CANOPY_TURN_ERROR_F32 * g + CANOPY_TURN_LEAST_F32 of the true one, and so are the ends of
+/// the interval q +- that, rounded; g = |d0| + |d1| + |d2| as computed, d = p - origin.
 ///
-/// With e = 2^-24: an axis' component as a float is a (1 + e1), a difference d (1 + e2), their product rounds, and so do
-/// two sums: five factors (1 + e) on each of the three terms, |a| <= 1 + 2^-20: 5.0001 e g. q +- E rounds once more,
+/// With e = 2^-24: an axis' component as a float is a (1 + e1), a difference d (1 + e2), their product rounds, and so
+/// do two sums: five factors (1 + e) on each of the three terms, |a| <= 1 + 2^-20: 5.0001 e g. q +- E rounds once more,
 /// |q| + E <= 1.0001 g: 1.0002 e g. g as computed is at least (1 - e)^3 of the true one and E has two roundings itself.
 /// Together less than 6.01 e g; 7 e leaves room. What underflows loses less than 2^-126 in each of ten operations, even
 /// where a chip flushes subnormal numbers to zero.
@@ -115,13 +116,13 @@ struct canopy_turn_f32 {
 enum canopy_status canopy_turn_init_f32(struct canopy_turn_f32 *turn, const struct canopy_frame *frame);
 
 /// The box in which a reading is for sure: device units along the frame's axes, as canopy_field_insert_box_f32 takes
-/// them. uncertainty: half-widths along the device's axes, not negative; NULL: none. What is not finite gives a box that
-/// a field refuses.
+/// them. uncertainty: half-widths along the device's axes, not negative; NULL: none. What is not finite gives a box
+/// that a field refuses.
 void canopy_turn_box_f32(const struct canopy_turn_f32 *turn, const float point[3], const float uncertainty[3],
                          struct canopy_field_box_f32 *box);
 
-/// Takes `count` points without uncertainty; returns how many of them were refused. A point that is not inside the frame
-/// for sure is one of them, and so is one whose error spans more cells than a box may (a point very far away).
+/// Takes `count` points without uncertainty; returns how many of them were refused. A point that is not inside the
+/// frame for sure is one of them, and so is one whose error spans more cells than a box may (a point very far away).
 size_t canopy_turn_feed_f32(struct canopy_field *field, const struct canopy_turn_f32 *turn, const float (*points)[3],
                             size_t count);
 

@@ -112,6 +112,15 @@ static enum canopy_plc_result run_command(void *context, enum canopy_plc_command
     }
 }
 
+// All 0 is x, y and z. False where they are no rotation.
+static bool settle_axes(int32_t axes[3][3]) {
+    static const int32_t none[3][3];
+    if (memcmp(axes, none, sizeof none) == 0) {
+        axes[0][0] = axes[1][1] = axes[2][2] = CANOPY_AXIS_ONE;
+    }
+    return canopy_axes_are_sound((const int32_t(*)[3])axes);
+}
+
 enum canopy_status canopy_station_init(struct canopy_station *station, const struct canopy_station_config *config,
                                        void *arena, size_t bytes, uint64_t now_us) {
     const struct canopy_grid *grid = &config->grid;
@@ -120,13 +129,17 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
         q > CANOPY_CELLS_MAX || config->lines < 1 || q % config->lines != 0) {
         return CANOPY_ARGUMENT;
     }
+    struct canopy_station_config own = *config;
+    if (!settle_axes(own.axes)) {
+        return CANOPY_ARGUMENT;
+    }
     struct canopy_arena cut;
     enum canopy_status status =
         canopy_arena_open(&cut, arena, bytes, CANOPY_STATION_ARENA(m, n, q, config->lines, config->clients));
     if (status != CANOPY_OK) {
         return status;
     }
-    *station = (struct canopy_station){.config = *config, .start_us = now_us, .now_us = now_us};
+    *station = (struct canopy_station){.config = own, .start_us = now_us, .now_us = now_us};
     station->field_arena = canopy_arena_take(&cut, CANOPY_FIELD_ARENA(m, n, q, q));
     station->risen_cells = canopy_arena_take(&cut, CANOPY_STATION_MARKS(m, n, q));
     station->late_cells = canopy_arena_take(&cut, CANOPY_STATION_MARKS(m, n, q));
@@ -149,15 +162,8 @@ static bool is_acceptable(const struct canopy_frame *frame, const struct canopy_
         frame->side != grid->side || frame->quantum_log2 != 0) {
         return false;
     }
-    for (int a = 0; a < 3; a++) {
-        for (int c = 0; c < 3; c++) {
-            if (frame->axis[a][c] != (a == c ? CANOPY_AXIS_ONE : 0)) {
-                return false;
-            }
-        }
-    }
-    return frame->pitch[0] > 0 && frame->pitch[0] % grid->cells == 0 && frame->pitch[1] > 0 &&
-           frame->pitch[1] % grid->cells == 0;
+    return canopy_axes_are_sound(frame->axis) && frame->pitch[0] > 0 && frame->pitch[0] % grid->cells == 0 &&
+           frame->pitch[1] > 0 && frame->pitch[1] % grid->cells == 0;
 }
 
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame) {
@@ -165,9 +171,15 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
     if (!is_acceptable(frame, grid)) {
         return CANOPY_ARGUMENT;
     }
+    struct canopy_turn_fx turn;
+    const bool turned = !canopy_axes_are_straight(frame->axis);
+    enum canopy_status status = turned ? canopy_turn_init_fx(&turn, frame) : CANOPY_OK;
+    if (status != CANOPY_OK) {
+        return status;
+    }
     const uint16_t cells[2] = {frame->cells, frame->cells};
-    enum canopy_status status = canopy_field_init(&station->field, frame, cells, station->field_arena,
-                                                  CANOPY_FIELD_ARENA(grid->size[0], grid->size[1], cells[0], cells[1]));
+    status = canopy_field_init(&station->field, frame, cells, station->field_arena,
+                               CANOPY_FIELD_ARENA(grid->size[0], grid->size[1], cells[0], cells[1]));
     if (status == CANOPY_OK) {
         status =
             canopy_fast_init(&station->fast, &station->field, CANOPY_FX, station->config.lines, station->fast_arena,
@@ -178,21 +190,42 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
                                      CANOPY_CERTIFY_ARENA(grid->size[1], cells[0], cells[1]));
     }
     if (status == CANOPY_OK) {
+        station->turned = turned;
+        if (turned) {
+            station->turn = turn;
+        }
         forget(station);
     }
     return status;
 }
 
+// The frame around a box in the scanner's axes: with turned ones, around its eight corners.
+static enum canopy_status frame_around(const struct canopy_station *station, const int32_t low[3],
+                                       const int32_t high[3], struct canopy_frame *frame) {
+    const int32_t(*axes)[3] = station->config.axes;
+    if (canopy_axes_are_straight(axes) || low[0] > high[0] || low[1] > high[1] || low[2] > high[2]) {
+        return canopy_frame_around_fx(frame, &station->config.grid, low, high);
+    }
+    struct canopy_turned_box_fx box;
+    canopy_turned_box_begin_fx(&box);
+    for (unsigned c = 0; c < 8; c++) {
+        const int32_t corner[3] = {(c & 1U ? high : low)[0], (c & 2U ? high : low)[1], (c & 4U ? high : low)[2]};
+        canopy_turned_box_add_fx(&box, axes, corner);
+    }
+    return canopy_frame_around_turned_fx(frame, &station->config.grid, axes, &box);
+}
+
 enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
                                             const int32_t high[3]) {
     struct canopy_frame frame;
-    const enum canopy_status status = canopy_frame_around_fx(&frame, &station->config.grid, low, high);
+    const enum canopy_status status = frame_around(station, low, high, &frame);
     if (status != CANOPY_OK) {
         return status;
     }
     const struct canopy_frame *old = &station->field.frame;
     if (station->stage != CANOPY_STATION_WAITING && memcmp(old->origin, frame.origin, sizeof frame.origin) == 0 &&
-        memcmp(old->pitch, frame.pitch, sizeof frame.pitch) == 0 && old->lsb_log2 == frame.lsb_log2) {
+        memcmp(old->pitch, frame.pitch, sizeof frame.pitch) == 0 && old->lsb_log2 == frame.lsb_log2 &&
+        memcmp(old->axis, frame.axis, sizeof frame.axis) == 0) {
         return CANOPY_OK;
     }
     return canopy_station_begin(station, &frame);
@@ -204,7 +237,7 @@ enum canopy_status canopy_station_begin_scene(struct canopy_station *station,
         return canopy_station_begin_box(station, scene->low, scene->high);
     }
     struct canopy_frame frame;
-    enum canopy_status status = canopy_frame_around_fx(&frame, &station->config.grid, scene->low, scene->high);
+    enum canopy_status status = frame_around(station, scene->low, scene->high, &frame);
     if (status == CANOPY_OK) {
         status = canopy_plc_set_unit(&station->plc, scene->unit);
     }
@@ -271,6 +304,78 @@ static enum canopy_status enter(struct canopy_station *station, const int32_t po
     return canopy_field_insert_fx(&station->field, worst, hit);
 }
 
+static enum canopy_status reject(struct canopy_station *station, enum canopy_status status) {
+    station->rejected++;
+    if (status == CANOPY_RANGE) {
+        station->beyond = true;
+        intrude(station);
+    }
+    return status;
+}
+
+static void accept(struct canopy_station *station) {
+    station->points++;
+    station->accepted++;
+    station->have_reading = true;
+    station->reading_us = station->now_us;
+}
+
+// What a box has done: cells that rose are marked, those that have its height already being marked with them. Whether
+// any cell of it has risen since the publication.
+static bool mark_patch(struct canopy_station *station, const struct canopy_field_patch *patch) {
+    const uint32_t columns = station->field.axis[1].count;
+    bool risen = false;
+    for (uint32_t r = patch->first[0]; r <= patch->last[0]; r++) {
+        for (uint32_t c = patch->first[1]; c <= patch->last[1]; c++) {
+            const uint32_t cell = r * columns + c;
+            if (patch->raised > 0 && station->field.heights[cell] == patch->height) {
+                mark(station, cell);
+            }
+            risen = risen || canopy_bit_get(station->risen_cells, cell);
+        }
+    }
+    station->risen = station->risen || patch->raised > 0;
+    return risen;
+}
+
+// As is_beyond, for a box: against the least that the surface can be over it.
+static bool is_box_beyond(const struct canopy_station *station, const struct canopy_field_box_fx *box, int32_t height) {
+    const struct canopy_envelope *envelope = canopy_plc_published(&station->plc);
+    if (envelope == NULL) {
+        return false;
+    }
+    int32_t low, high;
+    if (canopy_envelope_over(envelope, box->low, box->high, &low, &high) != CANOPY_OK) {
+        return true;
+    }
+    return envelope->frame.side == CANOPY_ABOVE ? height > low : height > -high;
+}
+
+static enum canopy_status take_turned(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty) {
+    const uint32_t half[3] = {0, 0, uncertainty};
+    struct canopy_field_box_fx box;
+    struct canopy_field_patch patch;
+    int64_t q[3];
+    canopy_turn_point_fx(&station->turn, point, q);
+    const bool inside = canopy_turn_is_inside_fx(&station->turn, q);
+    enum canopy_status status = canopy_turn_box_fx(&station->turn, q, half, &box);
+    if (status == CANOPY_OK) {
+        status = canopy_field_insert_box_fx(&station->field, &box, &patch);
+    }
+    if (status !=
+        CANOPY_OK) {  // beside the frame, too high, too wide: but the last two say nothing of what is beside it
+        return reject(station, inside ? CANOPY_RANGE : CANOPY_OUT_OF_FRAME);
+    }
+    if (mark_patch(station, &patch) && is_box_beyond(station, &box, patch.height)) {
+        intrude(station);
+    }
+    if (!inside) {
+        return reject(station, CANOPY_OUT_OF_FRAME);
+    }
+    accept(station);
+    return CANOPY_OK;
+}
+
 enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
                                           uint64_t now_us) {
     station->now_us = now_us;
@@ -278,21 +383,16 @@ enum canopy_status canopy_station_reading(struct canopy_station *station, const 
         station->rejected++;
         return CANOPY_EMPTY;
     }
+    if (station->turned) {
+        return take_turned(station, point, uncertainty);
+    }
     int32_t worst[3];
     struct canopy_field_hit hit;
     const enum canopy_status status = enter(station, point, uncertainty, worst, &hit);
     if (status != CANOPY_OK) {
-        station->rejected++;
-        if (status == CANOPY_RANGE) {
-            station->beyond = true;
-            intrude(station);
-        }
-        return status;
+        return reject(station, status);
     }
-    station->points++;
-    station->accepted++;
-    station->have_reading = true;
-    station->reading_us = now_us;
+    accept(station);
     if (hit.raised) {
         station->risen = true;
         mark(station, hit.cell);

@@ -18,6 +18,10 @@
 ///     unchanged, with its new `points`.
 ///   - A withdrawal by command stands until there is something new to publish: a fit under way, a cell that rises, a
 ///     refit that is asked for. Readings that raise nothing do not bring the envelope back.
+///   - In a frame with turned axes (config.axes, or the axes of the frame given) a reading's uncertainty in z is one of
+///     the place, too: every cell in which it may be rises to the highest it may be (lib/cover/turn.h), and it is
+///     compared with the least the surface can be over that box. A reading whose z as told is beside the frame is
+///     rejected, but what of its uncertainty reaches into the frame counts all the same.
 ///   - Stale is an age of more than stale_after_us since the last accepted reading. The last envelope stays readable.
 ///
 /// All calls on one station come from one thread. Nothing blocks. Coordinates are fixed point: whole device units.
@@ -33,12 +37,14 @@
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/field.h"
+#include "lib/cover/turn.h"
 #include "lib/plc/plc.h"
 #include "lib/scan/profile.h"
 #include "lib/status.h"
 
 struct canopy_station_config {
     struct canopy_grid grid;
+    int32_t axes[3][3];       ///< of the frames made around a scanner's scene (canopy_axes_*); all 0: x, y and z
     uint16_t lines;           ///< lines a knot interval of u (canopy_fast_init): 1, or more for tighter and slower
     uint8_t clients;          ///< of the PLC side
     float unit;               ///< of the scene: point = device units * unit
@@ -75,6 +81,8 @@ struct canopy_station {
     struct canopy_field field;
     struct canopy_fast fast;
     struct canopy_certify certify;
+    struct canopy_turn_fx turn;  // where the frame is turned
+    bool turned;
     uint8_t *risen_cells;  // one bit a cell that rose since the last publication
     uint8_t *late_cells;   // one bit a cell that rose since its row of the candidate was certified
     uint32_t late_count;
@@ -100,17 +108,18 @@ struct canopy_station {
 };
 
 /// Makes a station that waits for a scene. `arena`: CANOPY_STATION_ARENA bytes, aligned to 8, the station's as long as
-/// it is used. CANOPY_ARGUMENT, CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN.
+/// it is used. CANOPY_ARGUMENT (also: axes that are no rotation), CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN.
 enum canopy_status canopy_station_init(struct canopy_station *station, const struct canopy_station_config *config,
                                        void *arena, size_t bytes, uint64_t now_us);
 
 /// Begins a scene: withdraws what is published, forgets all readings, takes the frame. Its size, cells and side must be
-/// the configuration's, its axes x, y and z, its quantum a device unit and its pitches multiples of its cells (else
-/// CANOPY_ARGUMENT, nothing changed).
+/// the configuration's, its axes a rotation (canopy_axes_are_sound; any, whatever config.axes says), its quantum a
+/// device unit and its pitches multiples of its cells (else CANOPY_ARGUMENT, nothing changed). CANOPY_RANGE: turned,
+/// and 2^32 units wide.
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame);
 
-/// Begins a scene in the smallest frame that holds what the scanner says of it; does nothing where that is the
-/// frame already.
+/// Begins a scene in the smallest frame that holds what the scanner says of it, all corners of its box; does nothing
+/// where that is the frame already. CANOPY_RANGE: with config.axes no frame holds it (canopy_frame_around_turned_fx).
 enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
                                             const int32_t high[3]);
 
@@ -118,7 +127,8 @@ enum canopy_status canopy_station_begin_box(struct canopy_station *station, cons
 enum canopy_status canopy_station_begin_scene(struct canopy_station *station, const struct canopy_profile_scene *scene);
 
 /// Takes one valid reading: device units; the true height is within z +- uncertainty. CANOPY_OK: accepted.
-/// CANOPY_OUT_OF_FRAME: rejected, beside the frame; CANOPY_RANGE: rejected, and an intrusion; CANOPY_EMPTY: no scene
+/// CANOPY_OUT_OF_FRAME: rejected, beside the frame; CANOPY_RANGE: rejected, and an intrusion: too high for any
+/// envelope, or (turned) so uncertain that it may be in more than CANOPY_FIELD_BOX_CELLS cells; CANOPY_EMPTY: no scene
 /// yet.
 enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
                                           uint64_t now_us);
