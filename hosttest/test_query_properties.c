@@ -584,12 +584,15 @@ static void add_rational_volume(mpq_t sum, const struct canopy_query_subject *su
     mpq_clears(x, middle[0], middle[1], area, NULL);
 }
 
-static void rational_volume(mpq_t sum, const struct canopy_query_subject *subject,
+// And the area in quanta^2.
+static void rational_volume(mpq_t sum, double *area, const struct canopy_query_subject *subject,
                             const struct canopy_query_rect *rect) {
     const struct canopy_frame *frame = &subject->surface->frame;
     const uint64_t low[2] = {rect->low[0], rect->low[1]}, high[2] = {rect->high[0], rect->high[1]};
     mpq_set_ui(sum, 0, 1);
+    *area = 0;
     if (!subject->covered) {
+        *area = (double)(high[0] - low[0]) * (double)(high[1] - low[1]);
         add_rational_volume(sum, subject, low, high);
         return;
     }
@@ -603,6 +606,7 @@ static void rational_volume(mpq_t sum, const struct canopy_query_subject *subjec
                     high[axis] < edges[axis] + frame->pitch[axis] ? high[axis] : edges[axis] + frame->pitch[axis];
             }
             if (canopy_query_counts(subject, h, w) && from[0] < to[0] && from[1] < to[1]) {
+                *area += (double)(to[0] - from[0]) * (double)(to[1] - from[1]);
                 add_rational_volume(sum, subject, from, to);
             }
         }
@@ -680,7 +684,9 @@ static void check_volume(uint64_t seed) {
     REQUIRE(status == CANOPY_OK);
     mpq_t truth;
     mpq_init(truth);
-    rational_volume(truth, &s.subject, &s.rect);
+    double area = 0;
+    rational_volume(truth, &area, &s.subject, &s.rect);
+    REQUIRE(fabs((double)volume.area - area) <= 0x1p-40 * area);
     judge_volume(&volume, truth, whole_cells);
     mpq_clear(truth);
 }

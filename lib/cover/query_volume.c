@@ -97,6 +97,7 @@ static enum canopy_status add_cell(struct canopy_volume *volume, uint32_t row, u
     const uint64_t area = (uint64_t)width_of(volume, 0, row) * width_of(volume, 1, column);
     add_product(&volume->low, sum - 16 * shift, area);
     add_product(&volume->high, sum + 16 * (loss + shift), area);
+    volume->area += area;
     volume->cells++;
     return CANOPY_OK;
 }

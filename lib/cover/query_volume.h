@@ -34,7 +34,8 @@ struct canopy_volume {
     struct canopy_patch_span span[2];
     uint32_t next[2];                    // the knot cell to be added; row beyond the window: all have been
     struct canopy_volume_sum low, high;  // quanta^2 * steps / 576
-    uint32_t cells;                      ///< knot cells that counted so far, whole or in part
+    uint64_t area;                       ///< quanta^2 that counted so far, exact …
+    uint32_t cells;                      ///< … and the knot cells that they are in
 };
 
 /// low * 2^exponent <= volume <= high * 2^exponent, in device units^3; rounding to this form is outward and costs less

@@ -17,6 +17,11 @@ static const struct {
     {"sandwich", canopy_command_sandwich, "fit a surface above and one below that never cross; do two files cross?"},
     {"check", canopy_command_check, "is every point on the safe side? exact; exit status 0 or 1"},
     {"eval", canopy_command_eval, "the height of the surface over each point"},
+    {"window", canopy_command_window, "the guaranteed highest and lowest of the surface over a window"},
+    {"clearance", canopy_command_clearance, "the guaranteed distance between two surfaces, or to a plane"},
+    {"volume", canopy_command_volume, "the volume between a surface and a height, or another surface"},
+    {"diff", canopy_command_diff, "what changed between two surfaces: rise, fall, coverage"},
+    {"regrid", canopy_command_regrid, "the same surface on a finer or coarser grid, on the safe side"},
     {"plot", canopy_command_plot, "a picture of a surrogate and its points"},
 };
 
@@ -26,7 +31,7 @@ static void print_help(FILE *to) {
     fprintf(to, "Usage: canopy COMMAND ...\n"
                 "Smooth surfaces proved to lie on one side of everything scanned.\n\n");
     for (size_t i = 0; i < COMMAND_COUNT; i++) {
-        fprintf(to, "  %-8s %s\n", COMMANDS[i].name, COMMANDS[i].what);
+        fprintf(to, "  %-9s %s\n", COMMANDS[i].name, COMMANDS[i].what);
     }
     fprintf(to, "\n`canopy COMMAND --help` is the manual of a command. Exit status: 0 done, 1 not safe (check),\n"
                 "2 bad input (one line on standard error says where and what to do), 64 wrong usage.\n");

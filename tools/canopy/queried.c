@@ -1,0 +1,429 @@
+#include "tools/canopy/queried.h"
+
+#include <gmp.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "lib/num/bits.h"
+#include "tools/common/option.h"
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Reading
+
+bool canopy_queried_read(const char *path, struct canopy_queried *queried, struct canopy_fault *fault) {
+    *queried = (struct canopy_queried){.path = path};
+    struct canopy_surrogate *s = &queried->surrogate;
+    if (!canopy_surrogate_read(path, s, fault)) {
+        memset(s, 0, sizeof *s);
+        return false;
+    }
+    if (s->window_count > 0) {
+        return canopy_fault_set(fault,
+                                "%s: \"windows\": questions are about one grid: give a surrogate without refinement "
+                                "windows",
+                                path);
+    }
+    const size_t count = (size_t)s->size[0] * s->size[1];
+    struct canopy_envelope *low = &queried->low;
+    low->frame = (struct canopy_frame){.size = {(uint16_t)s->size[0], (uint16_t)s->size[1]},
+                                       .pitch = {CANOPY_QUERIED_PITCH, CANOPY_QUERIED_PITCH},
+                                       .cells = 1,
+                                       .side = (uint8_t)s->side};
+    for (int k = 0; k < 3; k++) {
+        low->frame.axis[k][k] = CANOPY_AXIS_ONE;
+    }
+    low->scalar = (uint8_t)s->scalar;
+    queried->high = *low;
+    low->coefficients = malloc(count * sizeof *low->coefficients);
+    queried->high.coefficients = malloc(count * sizeof *low->coefficients);
+    low->coverage = queried->high.coverage = calloc(CANOPY_COVERAGE_BYTES(s->size[0], s->size[1]), 1);
+    if (!low->coefficients || !queried->high.coefficients || !low->coverage) {
+        return canopy_fault_set(fault, "%s: out of memory: close other programs", path);
+    }
+    const uint32_t cells = (s->size[0] - 1) * (s->size[1] - 1);
+    for (uint32_t i = 0; i < cells; i++) {
+        if (!s->trim || s->trim[i]) {
+            canopy_bit_set(low->coverage, i);
+        }
+    }
+    return true;
+}
+
+void canopy_queried_free(struct canopy_queried *queried) {
+    canopy_surrogate_free(&queried->surrogate);
+    free(queried->low.coefficients);
+    free(queried->high.coefficients);
+    free(queried->low.coverage);
+    *queried = (struct canopy_queried){.path = queried->path};
+}
+
+bool canopy_queried_match(const struct canopy_queried *a, const struct canopy_queried *b, struct canopy_fault *fault) {
+    const struct canopy_surrogate *s = &a->surrogate, *t = &b->surrogate;
+    const char *what = s->unit != t->unit                                    ? "units"
+                       : memcmp(s->size, t->size, sizeof s->size) != 0       ? "sizes"
+                       : memcmp(s->pitch, t->pitch, sizeof s->pitch) != 0    ? "pitches"
+                       : memcmp(s->axes, t->axes, sizeof s->axes) != 0       ? "axes"
+                       : memcmp(s->origin, t->origin, sizeof s->origin) != 0 ? "origins"
+                                                                             : NULL;
+    return !what ||
+           canopy_fault_set(fault, "%s and %s: their frames have different %s: fit one with --frame of the other",
+                            a->path, b->path, what);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Steps
+
+static double largest_height(const struct canopy_surrogate *s) {
+    double largest = 0.0;
+    for (size_t i = 0; i < (size_t)s->size[0] * s->size[1]; i++) {
+        largest = fmax(largest, fabs(s->coefficients[i]) * s->lsb);
+    }
+    return largest;
+}
+
+/// coefficient * ratio, rounded down and up; `rough` where the product itself is rounded.
+static void round_coefficients(struct canopy_queried *q, double ratio, bool rough) {
+    const struct canopy_surrogate *s = &q->surrogate;
+    q->exact = true;
+    for (size_t i = 0; i < (size_t)s->size[0] * s->size[1]; i++) {
+        const double steps = s->coefficients[i] * ratio;
+        const double doubt = rough ? fabs(steps) * 0x1p-50 : 0.0;
+        q->low.coefficients[i] = (int32_t)floor(steps - doubt);
+        q->high.coefficients[i] = (int32_t)ceil(steps + doubt);
+        q->exact = q->exact && q->low.coefficients[i] == q->high.coefficients[i];
+    }
+}
+
+double canopy_queried_scale(struct canopy_queried *const queried[], size_t count, double reach) {
+    double step = queried[0]->surrogate.lsb;
+    bool whole = true;
+    for (size_t k = 0; k < count; k++) {
+        const struct canopy_surrogate *s = &queried[k]->surrogate;
+        step = fmin(step, s->lsb);
+        reach = fmax(reach, largest_height(s));
+        for (size_t i = 0; i < (size_t)s->size[0] * s->size[1]; i++) {
+            whole = whole && s->coefficients[i] == rint(s->coefficients[i]);
+        }
+    }
+    while (!whole && reach / step < 0x1p27 && reach > 0.0) {
+        step /= 2.0;
+    }
+    while (reach / step >= 0x1p28 - 2.0) {
+        step *= 2.0;
+    }
+    for (size_t k = 0; k < count; k++) {
+        const double ratio = queried[k]->surrogate.lsb / step;
+        int exponent = 0;
+        round_coefficients(queried[k], ratio, frexp(ratio, &exponent) != 0.5);
+    }
+    return step;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Rational numbers
+
+/// The double next to x, below or above it.
+static double rounded(const mpq_t x, bool upward) {
+    const double truncated = mpq_get_d(x);
+    mpq_t back;
+    mpq_init(back);
+    mpq_set_d(back, truncated);
+    const int sign = mpq_cmp(x, back);
+    mpq_clear(back);
+    if (upward) {
+        return sign > 0 ? nextafter(truncated, INFINITY) : truncated;
+    }
+    return sign < 0 ? nextafter(truncated, -INFINITY) : truncated;
+}
+
+/// sum += a * b
+static void add_product(mpq_t sum, double a, double b) {
+    mpq_t x, y;
+    mpq_inits(x, y, NULL);
+    mpq_set_d(x, a);
+    mpq_set_d(y, b);
+    mpq_mul(x, x, y);
+    mpq_add(sum, sum, x);
+    mpq_clears(x, y, NULL);
+}
+
+static void multiply(mpq_t x, double by) {
+    mpq_t y;
+    mpq_init(y);
+    mpq_set_d(y, by);
+    mpq_mul(x, x, y);
+    mpq_clear(y);
+}
+
+/// The origin along an axis, in device units.
+static void origin_along(mpq_t sum, const struct canopy_surrogate *s, int axis) {
+    mpq_set_ui(sum, 0, 1);
+    for (int k = 0; k < 3; k++) {
+        add_product(sum, s->axes[axis][k], s->origin[k]);
+    }
+}
+
+double canopy_queried_height(const struct canopy_queried *queried, int64_t steps, double step, bool from_zero,
+                             bool upward) {
+    const struct canopy_surrogate *s = &queried->surrogate;
+    mpq_t sum;
+    mpq_init(sum);
+    if (from_zero) {
+        origin_along(sum, s, 2);
+    }
+    add_product(sum, (double)steps, step);  // |steps| < 2^53
+    multiply(sum, s->unit);
+    const double height = rounded(sum, upward);
+    mpq_clear(sum);
+    return height;
+}
+
+void canopy_queried_place(const struct canopy_queried *queried, const uint32_t at[2], double place[2]) {
+    const struct canopy_surrogate *s = &queried->surrogate;
+    mpq_t sum;
+    mpq_init(sum);
+    for (int axis = 0; axis < 2; axis++) {
+        origin_along(sum, s, axis);
+        add_product(sum, (double)at[axis] / CANOPY_QUERIED_PITCH, s->pitch[axis]);
+        multiply(sum, s->unit);
+        place[axis] = mpq_get_d(sum);
+    }
+    mpq_clear(sum);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// The command line
+
+enum { WINDOW = 768, COVERED, BUDGET };
+
+static const struct argp_option WINDOW_OPTIONS[] = {
+    {"window", WINDOW, "U0,U1,V0,V1", 0, "ask about this rectangle only, edges included (default: the whole frame)", 0},
+    {"covered", COVERED, NULL, 0, "ask about knot cells with data only, those that the surrogate's trim marks", 0},
+    {0}};
+
+static const struct argp_option BUDGET_OPTIONS[] = {
+    {"budget", BUDGET, "N", 0, "spend at most N looks at knot cells and cuts of them (default 1000000)", 0}, {0}};
+
+static error_t parse_window(int key, char *text, struct argp_state *state) {
+    struct canopy_queried_options *options = state->input;
+    switch (key) {
+    case WINDOW: options->window = text; return 0;
+    case COVERED: options->covered = true; return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static error_t parse_budget(int key, char *text, struct argp_state *state) {
+    struct canopy_queried_options *options = state->input;
+    switch (key) {
+    case ARGP_KEY_INIT: state->child_inputs[0] = options; return 0;
+    case BUDGET: options->budget = text; return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+const struct argp canopy_queried_window_argp = {.options = WINDOW_OPTIONS, .parser = parse_window};
+static const struct argp_child WITH_WINDOW[] = {{&canopy_queried_window_argp, 0, NULL, 0}, {0}};
+const struct argp canopy_queried_argp = {.options = BUDGET_OPTIONS, .parser = parse_budget, .children = WITH_WINDOW};
+
+static bool read_window(const char *text, double edges[4], struct canopy_fault *fault) {
+    int used = 0;
+    bool ok =
+        sscanf(text, "%lf,%lf,%lf,%lf%n", &edges[0], &edges[1], &edges[2], &edges[3], &used) == 4 && text[used] == '\0';
+    for (int k = 0; ok && k < 4; k++) {
+        ok = isfinite(edges[k]);
+    }
+    return (ok && edges[0] <= edges[1] && edges[2] <= edges[3]) ||
+           canopy_fault_set(fault, "--window %s: give U0,U1,V0,V1 with U0 <= U1 and V0 <= V1", text);
+}
+
+/// An edge in quanta of the question, rounded outward and clipped where rounding alone puts it outside the frame.
+static bool edge_of(const struct canopy_surrogate *s, int axis, double edge, bool upward, uint32_t *to) {
+    const double width = ((double)s->size[axis] - 1.0) * CANOPY_QUERIED_PITCH;
+    mpq_t x, y;
+    mpz_t whole;
+    mpq_inits(x, y, NULL);
+    mpz_init(whole);
+    mpq_set_d(x, edge);
+    mpq_set_d(y, s->unit);
+    mpq_div(x, x, y);
+    origin_along(y, s, axis);
+    mpq_sub(x, x, y);
+    mpq_set_d(y, s->pitch[axis]);
+    mpq_div(x, x, y);
+    multiply(x, CANOPY_QUERIED_PITCH);
+    if (upward) {
+        mpz_cdiv_q(whole, mpq_numref(x), mpq_denref(x));
+    } else {
+        mpz_fdiv_q(whole, mpq_numref(x), mpq_denref(x));
+    }
+    const double quanta = mpz_get_d(whole);
+    mpz_clear(whole);
+    mpq_clears(x, y, NULL);
+    *to = (uint32_t)fmax(0.0, fmin(width, quanta));
+    return quanta >= -1.0 && quanta <= width + 1.0;
+}
+
+bool canopy_queried_window(const struct canopy_queried *queried, const struct canopy_queried_options *options,
+                           struct canopy_query_rect *rect, struct canopy_fault *fault) {
+    double edges[4];
+    *rect = canopy_query_whole(&queried->low.frame);
+    if (!options->window) {
+        return true;
+    }
+    const struct canopy_query_rect whole = *rect;
+    if (!read_window(options->window, edges, fault)) {
+        return false;
+    }
+    const struct canopy_surrogate *s = &queried->surrogate;
+    bool inside = true;
+    for (int axis = 0; axis < 2; axis++) {
+        inside = edge_of(s, axis, edges[2 * axis], false, &rect->low[axis]) && inside;
+        inside = edge_of(s, axis, edges[2 * axis + 1], true, &rect->high[axis]) && inside;
+    }
+    double low[2], high[2];
+    canopy_queried_place(queried, whole.low, low);
+    canopy_queried_place(queried, whole.high, high);
+    return inside || canopy_fault_set(fault,
+                                      "--window %s: it reaches beyond the frame of %s: give one within "
+                                      "%.10g,%.10g,%.10g,%.10g",
+                                      options->window, queried->path, low[0], high[0], low[1], high[1]);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Extremes
+
+enum { NODES = 65536 };
+
+static bool find(const struct canopy_query_subject *subject, const struct canopy_query_rect *rect,
+                 enum canopy_extreme_kind kind, uint32_t budget, struct canopy_extreme_answer *answer, const char *path,
+                 struct canopy_fault *fault) {
+    struct canopy_extreme_node *nodes = malloc(NODES * sizeof *nodes);
+    struct canopy_extreme search;
+    enum canopy_status status =
+        nodes ? canopy_extreme_begin(&search, subject, rect, kind, 2, nodes, NODES) : CANOPY_ARENA_SHORT;
+    if (status == CANOPY_OK) {
+        status = canopy_extreme_step(&search, budget);
+        *answer = canopy_extreme_answer(&search);
+    }
+    free(nodes);
+    if (status == CANOPY_EMPTY) {
+        return canopy_fault_set(fault,
+                                "%s: no knot cell in question is covered by data: leave out --covered, or ask "
+                                "about a larger --window",
+                                path);
+    }
+    return status == CANOPY_OK || status == CANOPY_MORE ||
+           canopy_fault_set(fault, "%s: out of memory: close other programs", path);
+}
+
+bool canopy_queried_print(const struct canopy_queried_question *question, const struct canopy_queried_options *options,
+                          enum canopy_extreme_kind kind, const char *name, struct canopy_fault *fault) {
+    const struct canopy_queried *surface = question->surface, *minus = question->minus;
+    const bool up = kind == CANOPY_HIGHEST, from_zero = !minus && !question->plane;
+    struct canopy_query_rect rect;
+    uint32_t budget = 1000000;
+    if (!canopy_queried_window(surface, options, &rect, fault) ||
+        (options->budget && !canopy_option_whole32("budget", options->budget, 0, UINT32_MAX, &budget, fault))) {
+        return false;
+    }
+    const struct canopy_query_subject subject = {.surface = up ? &surface->high : &surface->low,
+                                                 .minus = !minus ? NULL
+                                                          : up   ? &minus->low
+                                                                 : &minus->high,
+                                                 .plane = question->plane,
+                                                 .covered = options->covered};
+    struct canopy_extreme_answer answer;
+    if (!find(&subject, &rect, kind, budget, &answer, surface->path, fault)) {
+        return false;
+    }
+    const int32_t sign = up ? 1 : -1;
+    // Rounded coefficients are off by less than two steps, on the side of the bound.
+    const int32_t off = question->slack + (surface->exact ? 0 : 2) + (!minus || minus->exact ? 0 : 2);
+    printf("%s %.17g", name,
+           canopy_queried_height(surface, answer.bound + sign * question->slack, question->step, from_zero, up));
+    if (answer.found) {
+        double place[2];
+        canopy_queried_place(surface, answer.at, place);
+        printf(" attained %.17g at %.10g %.10g",
+               canopy_queried_height(surface, answer.attained - sign * off, question->step, from_zero, !up), place[0],
+               place[1]);
+    }
+    putchar('\n');
+    return true;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Volumes
+
+/// Adds up a subject; false if a coefficient is beyond its limit, which scaling prevents.
+static bool add_up(const struct canopy_envelope *surface, const struct canopy_envelope *minus,
+                   const struct canopy_query_rect *rect, bool covered, struct canopy_volume *volume) {
+    const struct canopy_query_subject subject = {.surface = surface, .minus = minus, .covered = covered};
+    return canopy_volume_begin(volume, &subject, rect) == CANOPY_OK &&
+           canopy_volume_step(volume, UINT32_MAX) == CANOPY_OK;
+}
+
+/// quanta^2 to input units^2.
+static void scale_area(mpq_t x, const struct canopy_surrogate *s) {
+    for (int axis = 0; axis < 2; axis++) {
+        multiply(x, s->pitch[axis] / CANOPY_QUERIED_PITCH);
+        multiply(x, s->unit);
+    }
+}
+
+/// mantissa * 2^exponent quanta^2 steps, less `height` above the frame's origin times the area, in input units^3.
+static double volume_of(const struct canopy_surrogate *s, int64_t mantissa, int exponent, double step, mpq_t height,
+                        const mpq_t area, bool upward) {
+    mpq_t x, y;
+    mpq_inits(x, y, NULL);
+    mpq_set_si(x, mantissa, 1);
+    if (exponent >= 0) {
+        mpq_mul_2exp(x, x, (mp_bitcnt_t)exponent);
+    } else {
+        mpq_div_2exp(x, x, (mp_bitcnt_t)-exponent);
+    }
+    multiply(x, step);
+    multiply(x, s->unit);
+    scale_area(x, s);
+    mpq_mul(y, height, area);
+    mpq_sub(x, x, y);
+    const double volume = rounded(x, upward);
+    mpq_clears(x, y, NULL);
+    return volume;
+}
+
+bool canopy_queried_find_volume(const struct canopy_queried *surface, const struct canopy_queried *minus, double step,
+                                double height, const struct canopy_query_rect *rect, bool covered,
+                                struct canopy_queried_volume *volume, struct canopy_fault *fault) {
+    const struct canopy_surrogate *s = &surface->surrogate;
+    struct canopy_volume low, high;
+    if (!add_up(&surface->low, minus ? &minus->high : NULL, rect, covered, &low) ||
+        !add_up(&surface->high, minus ? &minus->low : NULL, rect, covered, &high)) {
+        return canopy_fault_set(fault,
+                                "%s: its coefficients are beyond what can be added up: write the file anew with "
+                                "canopy fit",
+                                surface->path);
+    }
+    mpq_t area, above, base;
+    mpq_inits(area, above, base, NULL);
+    mpz_set_ui(mpq_numref(area), (unsigned long)low.area);
+    scale_area(area, s);
+    if (!minus) {
+        origin_along(base, s, 2);
+        multiply(base, s->unit);
+        mpq_set_d(above, height);
+        mpq_sub(above, above, base);
+    }
+    const struct canopy_volume_answer from = canopy_volume_answer(&low), to = canopy_volume_answer(&high);
+    *volume = (struct canopy_queried_volume){
+        .low = volume_of(s, from.low, from.exponent, step, above, area, false),
+        .high = volume_of(s, to.high, to.exponent, step, above, area, true),
+        .area = mpq_get_d(area),
+        .cells = low.cells,
+    };
+    mpq_clears(area, above, base, NULL);
+    return true;
+}
