@@ -149,7 +149,7 @@ static int32_t least_bernstein(const struct canopy_certify *certify, uint32_t ce
 
 // Takes a cell's bound into account. False, with what is missing, where it is too low.
 static inline bool settle(struct canopy_certify *certify, uint32_t cell, int32_t lowest) {
-    const int32_t height = certify->field->heights[cell];
+    const int32_t height = canopy_field_height(certify->field, cell);
     if (height == CANOPY_NO_HEIGHT) {
         return true;
     }

@@ -33,9 +33,9 @@ enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canop
 enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coefficients) {
     const struct canopy_field *field = fast->field;
     int32_t low = INT32_MAX, high = INT32_MIN;
-    const size_t cells = (size_t)field->axis[0].count * field->axis[1].count;
-    for (size_t c = 0; c < cells; c++) {
-        const int32_t height = field->heights[c];
+    const uint32_t cells = field->axis[0].count * field->axis[1].count;
+    for (uint32_t c = 0; c < cells; c++) {
+        const int32_t height = canopy_field_height(field, c);
         if (height != CANOPY_NO_HEIGHT) {
             low = height < low ? height : low;
             high = height > high ? height : high;
@@ -66,11 +66,13 @@ static void gather_line(struct canopy_fast *fast, uint32_t index) {
     const uint32_t middle = index * step, from = middle > step ? middle - step : 0;
     const uint32_t to = middle + step < field->axis[0].count ? middle + step : field->axis[0].count;
     int32_t *nodes = fast->line.nodes;
-    memcpy(nodes, field->heights + (size_t)from * columns, 4 * (size_t)columns);
-    for (uint32_t r = from + 1; r < to; r++) {
-        const int32_t *row = field->heights + (size_t)r * columns;
+    for (uint32_t c = 0; c < columns; c++) {
+        nodes[c] = CANOPY_NO_HEIGHT;
+    }
+    for (uint32_t r = from; r < to; r++) {
         for (uint32_t c = 0; c < columns; c++) {
-            nodes[c] = row[c] > nodes[c] ? row[c] : nodes[c];
+            const int32_t height = canopy_field_height(field, r * columns + c);
+            nodes[c] = height > nodes[c] ? height : nodes[c];
         }
     }
 }

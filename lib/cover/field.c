@@ -7,9 +7,9 @@
 #include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 
-static void init_axis(struct canopy_field_axis *axis, const struct canopy_frame *frame, int a, uint16_t cells) {
+static void init_axis(struct canopy_field_axis *axis, const struct canopy_frame *frame, int a, uint16_t cells,
+                      bool straight) {
     const uint32_t pitch = frame->pitch[a];
-    const bool straight = canopy_axes_are_straight(frame->axis);
     *axis = (struct canopy_field_axis){.origin = straight ? frame->origin[a] : 0, .pitch = pitch, .cells = cells};
     axis->count = (frame->size[a] - 1U) * cells;
     const uint64_t width = canopy_frame_width(frame, a);
@@ -35,34 +35,73 @@ static void init_heights(struct canopy_field_heights *z, const struct canopy_fra
     }
 }
 
-enum canopy_status canopy_field_init(struct canopy_field *field, const struct canopy_frame *frame,
-                                     const uint16_t cells[2], void *arena, size_t bytes) {
+static size_t cell_count(const struct canopy_field *field) {
+    return (size_t)field->axis[0].count * field->axis[1].count;
+}
+
+static size_t knot_cell_count(const struct canopy_field *field) {
+    return (field->frame.size[0] - 1U) * (size_t)(field->frame.size[1] - 1U);
+}
+
+static enum canopy_status init(struct canopy_field *field, const struct canopy_frame *frame, const uint16_t cells[2],
+                               struct canopy_arena *cut, void *arena, size_t bytes, size_t needed) {
     for (int a = 0; a < 2; a++) {
         if (cells[a] < 1 || cells[a] > CANOPY_CELLS_MAX || cells[a] > frame->pitch[a]) {
             return CANOPY_ARGUMENT;
         }
     }
-    struct canopy_arena cut;
-    const enum canopy_status status =
-        canopy_arena_open(&cut, arena, bytes, CANOPY_FIELD_ARENA(frame->size[0], frame->size[1], cells[0], cells[1]));
+    const enum canopy_status status = canopy_arena_open(cut, arena, bytes, needed);
     if (status != CANOPY_OK) {
         return status;
     }
+    *field = (struct canopy_field){0};
     field->frame = *frame;
+    const bool straight = canopy_axes_are_straight(field->frame.axis);
     for (int a = 0; a < 2; a++) {
-        init_axis(&field->axis[a], frame, a, cells[a]);
+        init_axis(&field->axis[a], frame, a, cells[a], straight);
     }
     init_heights(&field->z, frame);
     field->exact = field->axis[0].cell != 0 && field->axis[1].cell != 0;
-    field->heights = canopy_arena_take(&cut, 4U * (size_t)field->axis[0].count * field->axis[1].count);
-    canopy_field_clear(field);
     return CANOPY_OK;
 }
 
+enum canopy_status canopy_field_init(struct canopy_field *field, const struct canopy_frame *frame,
+                                     const uint16_t cells[2], void *arena, size_t bytes) {
+    const size_t needed = CANOPY_FIELD_ARENA(frame->size[0], frame->size[1], cells[0], cells[1]);
+    struct canopy_arena cut;
+    const enum canopy_status status = init(field, frame, cells, &cut, arena, bytes, needed);
+    if (status == CANOPY_OK) {
+        field->heights = canopy_arena_take(&cut, needed);
+        canopy_field_clear(field);
+    }
+    return status;
+}
+
+enum canopy_status canopy_field_init_packed(struct canopy_field *field, const struct canopy_frame *frame,
+                                            const uint16_t cells[2], void *arena, size_t bytes) {
+    const size_t needed = CANOPY_FIELD_PACKED_ARENA(frame->size[0], frame->size[1], cells[0], cells[1]);
+    struct canopy_arena cut;
+    const enum canopy_status status = init(field, frame, cells, &cut, arena, bytes, needed);
+    if (status == CANOPY_OK) {
+        field->codes = canopy_arena_take(&cut, cell_count(field));
+        field->tops = canopy_arena_take(&cut, 4 * knot_cell_count(field));
+        canopy_field_clear(field);
+    }
+    return status;
+}
+
+static void empty(int32_t *heights, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        heights[i] = CANOPY_NO_HEIGHT;
+    }
+}
+
 void canopy_field_clear(struct canopy_field *field) {
-    const size_t cells = (size_t)field->axis[0].count * field->axis[1].count;
-    for (size_t c = 0; c < cells; c++) {
-        field->heights[c] = CANOPY_NO_HEIGHT;
+    if (field->heights != NULL) {
+        empty(field->heights, cell_count(field));
+    } else {
+        memset(field->codes, CANOPY_PACKED_NONE, cell_count(field));
+        empty(field->tops, knot_cell_count(field));
     }
 }
 
@@ -114,10 +153,7 @@ enum canopy_status canopy_field_insert_fx(struct canopy_field *field, const int3
         return CANOPY_RANGE;
     }
     hit->cell = row * field->axis[1].count + column;
-    hit->raised = hit->height > field->heights[hit->cell];
-    if (hit->raised) {
-        field->heights[hit->cell] = hit->height;
-    }
+    hit->raised = canopy_field_raise_cell(field, hit->cell, hit->height);
     return CANOPY_OK;
 }
 
@@ -141,7 +177,19 @@ CANOPY_INLINE size_t feed(const struct canopy_field *field, const int32_t (*poin
     return refused;
 }
 
+static size_t feed_packed(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
+    struct canopy_field_hit hit;
+    size_t refused = 0;
+    for (; count > 0; count--, points++) {
+        refused += canopy_field_insert_fx(field, *points, &hit) != CANOPY_OK;
+    }
+    return refused;
+}
+
 size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
+    if (field->heights == NULL) {
+        return feed_packed(field, points, count);
+    }
     return field->exact ? feed(field, points, count, true) : feed(field, points, count, false);
 }
 
@@ -157,13 +205,19 @@ enum canopy_status canopy_field_merge(struct canopy_field *field, const struct c
     }
     const uint32_t cells = field->axis[0].count * field->axis[1].count;
     for (uint32_t c = 0; c < cells; c++) {
-        field->heights[c] = other->heights[c] > field->heights[c] ? other->heights[c] : field->heights[c];
+        const int32_t height = canopy_field_height(other, c);
+        if (height != CANOPY_NO_HEIGHT) {
+            (void)canopy_field_raise_cell(field, c, height);
+        }
     }
     return CANOPY_OK;
 }
 
 static bool is_covered(const struct canopy_field *field, uint32_t h, uint32_t w) {
     const uint32_t columns = field->axis[1].count, cu = field->axis[0].cells, cv = field->axis[1].cells;
+    if (field->heights == NULL) {
+        return field->tops[h * (field->frame.size[1] - 1U) + w] != CANOPY_NO_HEIGHT;
+    }
     const int32_t *row = field->heights + (size_t)h * cu * columns + (size_t)w * cv;
     for (uint32_t r = 0; r < cu; r++, row += columns) {
         for (uint32_t c = 0; c < cv; c++) {

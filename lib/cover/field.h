@@ -6,6 +6,10 @@
 /// Heights are steps of the frame, rounded up, and mirrored for the side below: inside the library the surrogate is
 /// always above. A cell without data is CANOPY_NO_HEIGHT, also when data surround it.
 ///
+/// A field keeps four bytes a cell, or, *packed*, one: four times the cells in the same memory make a tighter surface,
+/// although heights are rounded up to what the code can tell (packed.h; docs/fields.md). Both are filled, read, merged
+/// and certified alike.
+///
 /// A cell is exact where pitch is a multiple of cells, as it is for cells = frame.cells: its edges are whole quanta,
 /// and a point lies in the closed cell it raises. Otherwise the field is *approximate*: in fixed point the argument
 /// still holds, in float a point may stand in the neighbour of its cell, and a certificate from the field is refused.
@@ -19,11 +23,17 @@
 #include "lib/arena.h"
 #include "lib/cover/frame.h"
 #include "lib/cover/line.h"
+#include "lib/cover/packed.h"
 #include "lib/status.h"
 
 /// Bytes of arena of a field of m x n coefficients with cu x cv cells a knot interval.
 #define CANOPY_FIELD_ARENA(m, n, cu, cv)                                                                               \
     CANOPY_ARENA_ROUND(4U * (size_t)(cu) * ((size_t)(m)-1U) * (size_t)(cv) * ((size_t)(n)-1U))
+
+/// The same of a packed field: a byte for each cell, and four for each knot cell.
+#define CANOPY_FIELD_PACKED_ARENA(m, n, cu, cv)                                                                        \
+    (CANOPY_ARENA_ROUND((size_t)(cu) * ((size_t)(m)-1U) * (size_t)(cv) * ((size_t)(n)-1U)) +                           \
+     CANOPY_ARENA_ROUND(4U * ((size_t)(m)-1U) * ((size_t)(n)-1U)))
 
 /// One axis of a field, in quanta.
 struct canopy_field_axis {
@@ -47,19 +57,21 @@ struct canopy_field {
     struct canopy_frame frame;
     struct canopy_field_axis axis[2];
     struct canopy_field_heights z;
-    int32_t *heights;  ///< axis[0].count x axis[1].count, row (u) order
+    int32_t *heights;  ///< axis[0].count x axis[1].count, row (u) order; NULL in a packed field
+    uint8_t *codes;    ///< packed: the same of their codes (packed.h), else NULL
+    int32_t *tops;     ///< packed: of the knot cells, row order; CANOPY_NO_HEIGHT without data
     bool exact;        ///< every cell edge is a whole quantum
 };
 
 /// What a point did to the field.
 struct canopy_field_hit {
-    uint32_t cell;   ///< index into heights
+    uint32_t cell;   ///< in row order
     int32_t height;  ///< the point's height in steps
-    bool raised;     ///< the cell was lower, or empty
+    bool raised;     ///< the cell was lower, or empty (packed: its code changed)
 };
 
-/// Where a reading may be: along the frame's axes, from its origin, in quanta times 2^30, ends included; and the highest
-/// it can be there (mirrored for the side below: minus the lowest).
+/// Where a reading may be: along the frame's axes, from its origin, in quanta times 2^30, ends included; and the
+/// highest it can be there (mirrored for the side below: minus the lowest).
 struct canopy_field_box_fx {
     int64_t low[2], high[2], top;
 };
@@ -84,8 +96,31 @@ struct canopy_field_patch {
 enum canopy_status canopy_field_init(struct canopy_field *field, const struct canopy_frame *frame,
                                      const uint16_t cells[2], void *arena, size_t bytes);
 
+/// The same, packed. An insertion that raises a knot cell's top writes all its cells anew, so it costs up to
+/// cells[0] * cells[1] times 30 instructions; tops rise in steps of 2^16 of the frame's, so it does so seldom.
+enum canopy_status canopy_field_init_packed(struct canopy_field *field, const struct canopy_frame *frame,
+                                            const uint16_t cells[2], void *arena, size_t bytes);
+
 /// Forgets all data.
 void canopy_field_clear(struct canopy_field *field);
+
+int32_t canopy_field_packed_height(const struct canopy_field *field, uint32_t cell);
+bool canopy_field_packed_raise(struct canopy_field *field, uint32_t cell, int32_t height);
+
+/// The highest that may be in a cell, in steps, or CANOPY_NO_HEIGHT. `cell` counts in row order.
+static inline int32_t canopy_field_height(const struct canopy_field *field, uint32_t cell) {
+    return field->heights != NULL ? field->heights[cell] : canopy_field_packed_height(field, cell);
+}
+
+/// Raises a cell to a height of at least -CANOPY_HEIGHT_LIMIT. False if it was as high.
+static inline bool canopy_field_raise_cell(struct canopy_field *field, uint32_t cell, int32_t height) {
+    if (field->heights == NULL) {
+        return canopy_field_packed_raise(field, cell, height);
+    }
+    const bool raised = height > field->heights[cell];
+    field->heights[cell] = raised ? height : field->heights[cell];
+    return raised;
+}
 
 /// Takes one point in device units of the frame's scalar. The frame's axes must be x, y, z (else: lib/cover/turn.h).
 /// CANOPY_OUT_OF_FRAME: beside the frame. CANOPY_RANGE: too far beyond the frame's heights on the side that matters

@@ -9,13 +9,10 @@ enum canopy_status canopy_field_raise(struct canopy_field *field, struct canopy_
         return CANOPY_ARGUMENT;
     }
     patch->raised = 0;
-    int32_t *row = field->heights + (size_t)patch->first[0] * field->axis[1].count + patch->first[1];
+    uint32_t row = patch->first[0] * field->axis[1].count + patch->first[1];
     for (uint32_t r = 0; r < rows; r++, row += field->axis[1].count) {
         for (uint32_t c = 0; c < columns; c++) {
-            if (patch->height > row[c]) {
-                row[c] = patch->height;
-                patch->raised++;
-            }
+            patch->raised += canopy_field_raise_cell(field, row + c, patch->height);
         }
     }
     return CANOPY_OK;

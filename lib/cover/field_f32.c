@@ -66,10 +66,7 @@ enum canopy_status canopy_field_insert_f32(struct canopy_field *field, const flo
     const struct canopy_view_f32 view = canopy_view_of(field);
     const enum canopy_status status = find_any(&view, point, hit);
     if (status == CANOPY_OK) {
-        hit->raised = hit->height > field->heights[hit->cell];
-        if (hit->raised) {
-            field->heights[hit->cell] = hit->height;
-        }
+        hit->raised = canopy_field_raise_cell(field, hit->cell, hit->height);
     }
     return status;
 }
@@ -89,7 +86,24 @@ CANOPY_INLINE size_t feed(const struct canopy_view_f32 view, int32_t *heights, c
     return refused;
 }
 
+static size_t feed_packed(struct canopy_field *field, const float (*points)[3], size_t count) {
+    const struct canopy_view_f32 view = canopy_view_of(field);
+    size_t refused = 0;
+    for (size_t i = 0; i < count; i++) {
+        struct canopy_field_hit hit;
+        if (find_any(&view, points[i], &hit) != CANOPY_OK) {
+            refused++;
+        } else {
+            (void)canopy_field_raise_cell(field, hit.cell, hit.height);
+        }
+    }
+    return refused;
+}
+
 size_t canopy_field_feed_f32(struct canopy_field *field, const float (*points)[3], size_t count) {
+    if (field->heights == NULL) {
+        return feed_packed(field, points, count);
+    }
     return field->exact ? feed(canopy_view_of(field), field->heights, points, count, true)
                         : feed(canopy_view_of(field), field->heights, points, count, false);
 }

@@ -77,16 +77,13 @@ enum canopy_status canopy_turn_insert_fx(struct canopy_field *field, const struc
                                          const int32_t point[3], struct canopy_field_hit *hit) {
     const enum canopy_status status = find(field, turn, point, field->exact, hit);
     if (status == CANOPY_OK) {
-        hit->raised = hit->height > field->heights[hit->cell];
-        if (hit->raised) {
-            field->heights[hit->cell] = hit->height;
-        }
+        hit->raised = canopy_field_raise_cell(field, hit->cell, hit->height);
     }
     return status;
 }
 
-CANOPY_INLINE size_t feed(const struct canopy_field *field, const struct canopy_turn_fx *turn,
-                          const int32_t (*points)[3], size_t count, bool exact) {
+CANOPY_INLINE size_t feed(struct canopy_field *field, const struct canopy_turn_fx *turn, const int32_t (*points)[3],
+                          size_t count, bool exact) {
     size_t refused = 0;
     for (; count > 0; count--, points++) {
         struct canopy_field_hit hit;
@@ -94,8 +91,7 @@ CANOPY_INLINE size_t feed(const struct canopy_field *field, const struct canopy_
             refused++;
             continue;
         }
-        int32_t *cell = &field->heights[hit.cell];
-        *cell = hit.height > *cell ? hit.height : *cell;
+        (void)canopy_field_raise_cell(field, hit.cell, hit.height);
     }
     return refused;
 }
@@ -130,9 +126,9 @@ static int64_t turned(const int32_t axis[3], const int64_t o[3]) {
     return axis[0] * o[0] + axis[1] * o[1] + axis[2] * o[2];
 }
 
-// The whole o with axes o near `target` (times 2^30): first by the transposed axes, which are nearly their inverse, from
-// whole quanta; then what is left over once more, to 2^-16 of a quantum. Below 2^33 each, so nothing here overflows.
-// False where it does not fit 32 bits.
+// The whole o with axes o near `target` (times 2^30): first by the transposed axes, which are nearly their inverse,
+// from whole quanta; then what is left over once more, to 2^-16 of a quantum. Below 2^33 each, so nothing here
+// overflows. False where it does not fit 32 bits.
 static bool turn_back(const int32_t axes[3][3], const int64_t target[3], int32_t origin[3]) {
     int64_t o[3] = {0};
     for (int pass = 0; pass < 3; pass++) {
