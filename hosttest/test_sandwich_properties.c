@@ -17,7 +17,10 @@
 #include <cmocka.h>
 
 #include "hosttest/seeds.h"
+#include "lib/cover/envelope.h"
+#include "lib/cover/free.h"
 #include "lib/cover/sandwich.h"
+#include "lib/num/bits.h"
 #include "tools/common/crossing.h"
 #include "tools/common/exact.h"
 #include "tools/common/random.h"
@@ -134,7 +137,8 @@ static struct canopy_frame frame_of(const struct scene *s, enum canopy_side side
 static CANOPY_ARENA_DECLARE(above_arena, FIELD_BYTES);
 static CANOPY_ARENA_DECLARE(below_arena, FIELD_BYTES);
 static CANOPY_ARENA_DECLARE(sandwich_arena, CANOPY_SANDWICH_ARENA(GRID_MAX, GRID_MAX, CELLS_MAX, CELLS_MAX, CELLS_MAX));
-static CANOPY_ARENA_DECLARE(tighten_arena, CANOPY_TIGHTEN_ARENA(GRID_MAX, GRID_MAX, POINTS_MAX));
+#define TIGHTEN_ROWS CANOPY_TIGHTEN_ROWS(GRID_MAX, GRID_MAX)
+static CANOPY_ARENA_DECLARE(tighten_arena, CANOPY_TIGHTEN_ARENA(GRID_MAX, GRID_MAX, 0U, 0U, POINTS_MAX, TIGHTEN_ROWS));
 
 struct subject {
     struct canopy_field field[2];
@@ -257,7 +261,8 @@ static void fast_pairs_are_safe_and_never_cross(void **state) {
 // ---- Tight
 
 static void take_points(const struct scene *s, const struct subject *x, int side, struct canopy_tighten *t) {
-    assert_int_equal(canopy_tighten_init(t, &x->field[side].frame, POINTS_MAX, tighten_arena, sizeof tighten_arena),
+    const struct canopy_tighten_size size = {.points = POINTS_MAX, .rows = TIGHTEN_ROWS};
+    assert_int_equal(canopy_tighten_init(t, &x->field[side].frame, &size, tighten_arena, sizeof tighten_arena),
                      CANOPY_OK);
     assert_int_equal(s->scalar == CANOPY_F32 ? canopy_tighten_points_f32(t, (const float(*)[3])s->f32, s->count)
                                              : canopy_tighten_points_fx(t, (const int32_t(*)[3])s->fx, s->count),
@@ -283,6 +288,38 @@ static uint32_t tighten_side(struct scene *s, struct subject *x, int side) {
     return published - 1;
 }
 
+// What is free may be wished to be anything: what is taken of it never crosses, and nothing else has changed.
+static void ease(struct scene *s, struct subject *x) {
+    static int32_t wishes[2][COUNT_MAX];
+    uint8_t coverage[CANOPY_COVERAGE_BYTES(GRID_MAX, GRID_MAX)], seen[CANOPY_FREE_SEEN_BYTES(GRID_MAX, GRID_MAX)];
+    const uint16_t *size = s->grid.size;
+    const bool wild = canopy_random_chance(&s->random, 0.5);
+    memset(seen, 0, sizeof seen);
+    (void)canopy_field_coverage(&x->field[0], coverage);
+    canopy_free_see(size, coverage, seen);
+    for (int side = 0; side < 2; side++) {
+        struct canopy_free work;
+        memcpy(wishes[side], x->b[side], sizeof wishes[side]);
+        assert_int_equal(canopy_free_begin(&work, size, seen, wishes[side]), CANOPY_OK);
+        for (uint32_t j = 0; wild && j < count_of(x); j++) {
+            wishes[side][j] = canopy_bit_get(seen, j) ? wishes[side][j]
+                                                      : (int32_t)canopy_random_below(&s->random, 1 << 25) - (1 << 24);
+        }
+    }
+    struct canopy_sandwich_ease easing;
+    canopy_sandwich_ease_begin(&easing, size, (const int32_t *const[2]){x->b[0], x->b[1]},
+                               (int32_t *const[2]){wishes[0], wishes[1]});
+    while (canopy_sandwich_ease_step(&easing, 1 + canopy_random_below(&s->random, 9)) == CANOPY_MORE) {}
+    for (int side = 0; side < 2; side++) {
+        for (uint32_t j = 0; j < count_of(x); j++) {
+            assert_true(!canopy_bit_get(seen, j) || wishes[side][j] == x->b[side][j]);
+        }
+        memcpy(x->b[side], wishes[side], sizeof wishes[side]);
+        (void)judge(s, x, side);
+    }
+    (void)must_be_apart(s, x);
+}
+
 static uint32_t tightened;
 
 static void check_tight(uint64_t seed) {
@@ -291,6 +328,7 @@ static void check_tight(uint64_t seed) {
     fit_fast(&s, &x);
     tightened += tighten_side(&s, &x, CANOPY_BELOW) > 0;
     tightened += tighten_side(&s, &x, CANOPY_ABOVE) > 0;
+    ease(&s, &x);
 }
 
 static void tight_pairs_are_safe_and_never_cross_at_any_time(void **state) {
@@ -394,6 +432,66 @@ static double difference_at(const struct subject *x, double u, double v) {
     return sum;
 }
 
+// Six times the Bernstein coefficients of half a knot interval, by de Casteljau: exact in double.
+static void half_of(const double b[4], int right, double to[4]) {
+    double p[4] = {b[0] + 4 * b[1] + b[2], 4 * b[1] + 2 * b[2], 2 * b[1] + 4 * b[2], b[1] + 4 * b[2] + b[3]};
+    for (int k = 0; k < 4; k++) {
+        to[right ? 3 - k : k] = p[right ? 3 : 0];
+        for (int i = 0; i < 3; i++) {
+            if (right) {
+                p[3 - i] = (p[3 - i] + p[2 - i]) / 2;
+            } else {
+                p[i] = (p[i] + p[i + 1]) / 2;
+            }
+        }
+    }
+}
+
+// 36 times the least Bernstein coefficient of the difference over a half-knot cell.
+static double least_over(const struct subject *x, int u, int v) {
+    const int m = x->field[0].frame.size[0], n = x->field[0].frame.size[1];
+    double rows[4][4], column[4], least = HUGE_VAL;
+    for (int a = 0; a < 4; a++) {
+        const int i = u / 2 + a - 1;
+        double from[4];
+        for (int b = 0; b < 4; b++) {
+            const int j = v / 2 + b - 1, k = (i < 0 ? 0 : i < m ? i : m - 1) * n + (j < 0 ? 0 : j < n ? j : n - 1);
+            from[b] = (double)x->b[0][k] + x->b[1][k];
+        }
+        half_of(from, v % 2, rows[a]);
+    }
+    for (int b = 0; b < 4; b++) {
+        half_of((const double[4]){rows[0][b], rows[1][b], rows[2][b], rows[3][b]}, u % 2, column);
+        for (int a = 0; a < 4; a++) {
+            least = fmin(least, column[a]);
+        }
+    }
+    return least;
+}
+
+static void what_the_library_calls_least_is_exact(void **state) {
+    (void)state;
+    static struct subject x;
+    for (uint64_t seed = 1; seed <= 200; seed++) {
+        const struct scene s = make_scene(seed);
+        uint64_t random = seed;
+        make_up(&random, &s, &x, 0);
+        for (size_t j = 0; j < count_of(&x); j++) {
+            x.b[1][j] += (int32_t)canopy_random_below(&random, 2000) - 1000;
+        }
+        for (uint32_t row = 0; row + 1U < s.grid.size[0]; row++) {
+            double least = HUGE_VAL;
+            for (int u = 0; u < 2; u++) {
+                for (int v = 0; v < 2 * (s.grid.size[1] - 1); v++) {
+                    least = fmin(least, least_over(&x, 2 * (int)row + u, v));
+                }
+            }
+            assert_true((double)canopy_sandwich_least(x.b[0], x.b[1], s.grid.size, row) ==
+                        least * CANOPY_SANDWICH_UNITS / 36);
+        }
+    }
+}
+
 // What it says is least, no sample is below, and about the least one is as low; so is what the library says.
 static void the_referee_finds_the_least_distance(void **state) {
     (void)state;
@@ -464,6 +562,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_referee_sees_one_step),
         cmocka_unit_test(the_referee_finds_the_least_distance),
+        cmocka_unit_test(what_the_library_calls_least_is_exact),
         cmocka_unit_test(what_touches_is_not_called_crossing),
         cmocka_unit_test(pairs_that_know_nothing_of_each_other_cross),
         cmocka_unit_test(fast_pairs_are_safe_and_never_cross),

@@ -180,6 +180,32 @@ UNIT(raising_touches_what_is_below_alone) {
     CHECK_EQ(canopy_sandwich_raise(upper, lower, COUNT), 0);
 }
 
+// Two flat surfaces apart, and a wish for one corner that would cross: it is taken as far as it goes.
+UNIT(a_wish_is_taken_as_far_as_they_stay_apart) {
+    static int32_t wish[2][COUNT];
+    for (int round = 0; round < 2; round++) {
+        for (int j = 0; j < COUNT; j++) {
+            upper[j] = wish[0][j] = 1000;
+            lower[j] = wish[1][j] = 0;
+        }
+        wish[0][0] = round == 0 ? 400 : -9000000;  // one that does not cross, and one that does
+        struct canopy_sandwich_ease ease;
+        canopy_sandwich_ease_begin(&ease, SIZE, (const int32_t *const[2]){upper, lower},
+                                   (int32_t *const[2]){wish[0], wish[1]});
+        uint32_t rows = 1;
+        for (; canopy_sandwich_ease_step(&ease, 1) == CANOPY_MORE; rows++) {
+            CHECK(rows < 64 * M);
+        }
+        CHECK_EQ(canopy_sandwich_ease_step(&ease, 1), CANOPY_OK);
+        CHECK(canopy_sandwich_least(wish[0], wish[1], SIZE, 0) >= 0);
+        CHECK(round == 0 ? wish[0][0] == 400 && rows == M - 1 : wish[0][0] > -9000000 && wish[0][0] <= 1000);
+        for (int j = 1; j < COUNT; j++) {
+            CHECK_EQ(wish[0][j], 1000);
+            CHECK_EQ(upper[j], 1000);
+        }
+    }
+}
+
 UNIT_LIST(sandwich, asks_for_its_arena_to_the_byte, takes_two_fields_of_one_frame, a_field_without_points_is_empty,
           both_are_certified_and_do_not_cross, one_point_is_between_two_planes, the_least_distance_is_exact,
-          raising_touches_what_is_below_alone)
+          raising_touches_what_is_below_alone, a_wish_is_taken_as_far_as_they_stay_apart)

@@ -1,6 +1,7 @@
 #include "lib/cover/sandwich.h"
 
 #include <stdbool.h>
+#include <string.h>
 
 // ---- What any two surfaces are asked
 
@@ -33,19 +34,28 @@ static void mix_column(const int32_t *upper, const int32_t *lower, const uint16_
     }
 }
 
-int64_t canopy_sandwich_least(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row) {
+// The least over knot cell (row, w).
+static int64_t least_of_cell(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row,
+                             uint32_t w) {
     int64_t mixed[4][HALVES], least = INT64_MAX;
+    for (uint32_t b = 0; b < 4; b++) {
+        mix_column(upper, lower, size, row, clamped(w, b, size[1]), mixed[b]);
+    }
+    for (int p = 0; p < HALVES; p++) {
+        const int64_t from[4] = {mixed[0][p], mixed[1][p], mixed[2][p], mixed[3][p]};
+        for (int q = 0; q < HALVES; q++) {
+            const int64_t value = combine(HALF[q], from);
+            least = value < least ? value : least;
+        }
+    }
+    return least;
+}
+
+int64_t canopy_sandwich_least(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row) {
+    int64_t least = INT64_MAX;
     for (uint32_t w = 0; w + 1 < size[1]; w++) {
-        for (uint32_t b = 0; b < 4; b++) {
-            mix_column(upper, lower, size, row, clamped(w, b, size[1]), mixed[b]);
-        }
-        for (int p = 0; p < HALVES; p++) {
-            const int64_t from[4] = {mixed[0][p], mixed[1][p], mixed[2][p], mixed[3][p]};
-            for (int q = 0; q < HALVES; q++) {
-                const int64_t value = combine(HALF[q], from);
-                least = value < least ? value : least;
-            }
-        }
+        const int64_t here = least_of_cell(upper, lower, size, row, w);
+        least = here < least ? here : least;
     }
     return least;
 }
@@ -207,4 +217,54 @@ enum canopy_status canopy_sandwich_step(struct canopy_sandwich *sandwich, uint32
         }
     }
     return s->stage == CANOPY_SANDWICH_DONE ? CANOPY_OK : CANOPY_MORE;
+}
+
+// ---- What is free
+
+#define HALF_WAYS 8  // sweeps that go half of the way; those that follow go all of it
+#define SWEEPS 64
+
+void canopy_sandwich_ease_begin(struct canopy_sandwich_ease *ease, const uint16_t size[2], const int32_t *const pair[2],
+                                int32_t *const wish[2]) {
+    *ease = (struct canopy_sandwich_ease){
+        .pair = {pair[0], pair[1]}, .wish = {wish[0], wish[1]}, .size = {size[0], size[1]}};
+}
+
+// Moves the wish for a knot cell's coefficients towards what keeps the surfaces apart.
+static void yield(const struct canopy_sandwich_ease *ease, uint32_t w) {
+    for (uint32_t k = 0; k < 32; k++) {
+        const size_t at =
+            (size_t)clamped(ease->row, k / 4 % 4, ease->size[0]) * ease->size[1] + clamped(w, k % 4, ease->size[1]);
+        int32_t *wish = &ease->wish[k / 16][at];
+        const int32_t there = ease->pair[k / 16][at], way = there - *wish;
+        *wish = ease->sweeps < HALF_WAYS ? *wish + way / 2 : there;
+    }
+}
+
+static void ease_row(struct canopy_sandwich_ease *ease) {
+    for (uint32_t w = 0; w + 1 < ease->size[1]; w++) {
+        if (least_of_cell(ease->wish[0], ease->wish[1], ease->size, ease->row, w) < 0) {
+            yield(ease, w);
+            ease->moved = true;
+        }
+    }
+}
+
+enum canopy_status canopy_sandwich_ease_step(struct canopy_sandwich_ease *ease, uint32_t rows) {
+    for (; rows > 0 && !ease->done; rows--) {
+        ease_row(ease);
+        if (++ease->row + 1U < ease->size[0]) {
+            continue;
+        }
+        ease->done = !ease->moved;
+        ease->moved = false;
+        ease->row = 0;
+        if (++ease->sweeps == SWEEPS && !ease->done) {
+            const size_t bytes = 4 * (size_t)ease->size[0] * ease->size[1];
+            memcpy(ease->wish[0], ease->pair[0], bytes);
+            memcpy(ease->wish[1], ease->pair[1], bytes);
+            ease->done = true;
+        }
+    }
+    return ease->done ? CANOPY_OK : CANOPY_MORE;
 }

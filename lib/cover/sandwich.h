@@ -21,6 +21,7 @@
 #ifndef CANOPY_COVER_SANDWICH_H
 #define CANOPY_COVER_SANDWICH_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -113,5 +114,27 @@ enum canopy_status canopy_sandwich_step(struct canopy_sandwich *sandwich, uint32
 /// within the reach (a coefficient beyond 1.875 height ranges from this side's lowest point), its coefficients are
 /// raised, away from this side, which keeps it safe. CANOPY_EMPTY: no points yet; nothing is changed.
 enum canopy_status canopy_sandwich_over(struct canopy_tighten *tighten, int32_t *opposite, int32_t *mirror);
+
+// ---- What is free
+
+/// A tight side has no free coefficients: what keeps it clear of the other one shapes it everywhere, and where there
+/// are no points it flares out to the reach. Smoother is what free.h makes of the coefficients that nothing covered can
+/// see; but filled so, the two may cross. This takes of a wish as much as keeps them apart: in a knot cell where the
+/// wishes cross, they go half of the way back to the pair, again and again, and from the ninth sweep on all of it.
+struct canopy_sandwich_ease {
+    const int32_t *pair[2];
+    int32_t *wish[2];
+    uint16_t size[2], row, sweeps;
+    bool moved, done;
+};
+
+/// `pair`: upper and lower coefficients that do not cross, which stay as they are. `wish`: the same but for what is
+/// free; what is to be published when it is done.
+void canopy_sandwich_ease_begin(struct canopy_sandwich_ease *ease, const uint16_t size[2], const int32_t *const pair[2],
+                                int32_t *const wish[2]);
+
+/// Looks at up to `rows` rows of knot cells. CANOPY_MORE, or CANOPY_OK: the wishes do not cross, by
+/// canopy_sandwich_least. At most 64 sweeps over the frame; three where nothing crosses for long.
+enum canopy_status canopy_sandwich_ease_step(struct canopy_sandwich_ease *ease, uint32_t rows);
 
 #endif

@@ -1,13 +1,16 @@
 #include "tools/common/fitting.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "lib/cover/certify.h"
+#include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/field.h"
+#include "lib/cover/free.h"
 #include "lib/cover/sandwich.h"
-#include "lib/cover/tighten.h"
 #include "tools/common/stopwatch.h"
+#include "tools/common/tightening.h"
 
 #define FIELD_BYTES_MOST (64U << 20)  // of a field that a fit from points chooses itself
 
@@ -82,60 +85,24 @@ static bool solve(const struct canopy_turned *turned, bool from_field, struct ca
     return ok;
 }
 
-/// Takes the points into the tightening.
-static enum canopy_status load(const struct canopy_turned *turned, struct canopy_tighten *tighten) {
-    return turned->scalar == CANOPY_F32
-               ? canopy_tighten_points_f32(tighten, (const float(*)[3]) & turned->points[0].f32, turned->count)
-               : canopy_tighten_points_fx(tighten, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
+/// Tightens what `fast` gave, clear of the other side's surface if there is one.
+static bool tighten(const struct canopy_turned *turned, const struct canopy_frame *frame,
+                    const struct canopy_fitting *fitting, int32_t *coefficients, int32_t *opposite,
+                    struct canopy_fitting_report *report, struct canopy_fault *fault) {
+    struct canopy_tightening_report tightened;
+    if (!canopy_tightening_run(turned, frame, fitting->field, coefficients, opposite, &tightened, fault)) {
+        return false;
+    }
+    report->iterations = tightened.iterations;
+    report->excess = tightened.excess;
+    report->paired = opposite != NULL;
+    return true;
 }
 
-/// Has the points looked at and the other side kept clear of, and goes as far as it goes.
-static enum canopy_status run_tightening(const struct canopy_turned *turned, struct canopy_tighten *tightening,
-                                         int32_t *coefficients, int32_t *opposite, int32_t *mirror) {
-    enum canopy_status status = load(turned, tightening);
-    if (status == CANOPY_OK && opposite) {
-        status = canopy_sandwich_over(tightening, opposite, mirror);
-    }
-    if (status == CANOPY_OK) {
-        status = canopy_tighten_begin(tightening, coefficients, false);
-    }
-    while (status == CANOPY_OK && canopy_tighten_step(tightening, UINT32_MAX) == CANOPY_MORE) {}
-    return status;
-}
-
-/// Tightens what `fast` gave, clear of the other side's surface if there is one. The coefficients are not proved yet,
-/// so they are raised where they must be first.
-static bool tighten(const struct canopy_turned *turned, const struct canopy_frame *frame, int32_t *coefficients,
-                    int32_t *opposite, struct canopy_fitting_report *report, struct canopy_fault *fault) {
-    const size_t bytes = CANOPY_TIGHTEN_ARENA(frame->size[0], frame->size[1], turned->count);
-    void *arena = malloc(bytes);
-    int32_t *mirror = malloc((size_t)frame->size[0] * frame->size[1] * sizeof *mirror);
-    if (!arena || !mirror) {
-        free(arena);
-        free(mirror);
-        return canopy_fault_no_memory(fault);
-    }
-    struct canopy_tighten tightening;
-    enum canopy_status status = canopy_tighten_init(&tightening, frame, turned->count, arena, bytes);
-    if (status == CANOPY_OK) {
-        status = run_tightening(turned, &tightening, coefficients, opposite, mirror);
-    }
-    if (status == CANOPY_OK) {
-        report->iterations = tightening.iterations;
-        report->excess = (double)canopy_tighten_excess(&tightening);
-        report->paired = opposite != NULL;
-    }
-    free(arena);
-    free(mirror);
-    return status == CANOPY_OK ||
-           canopy_fault_set(fault, "the points cannot be tightened in this frame: choose --method fast or another "
-                                   "--frame");
-}
-
-/// The fast method, in the library's orientation.
+/// The fast method, in the library's orientation. `coverage`, if not NULL, receives which knot cells have points.
 static bool fit(const struct canopy_turned *turned, const struct canopy_frame *frame,
-                const struct canopy_fitting *fitting, int32_t *coefficients, struct canopy_fitting_report *report,
-                struct canopy_fault *fault) {
+                const struct canopy_fitting *fitting, int32_t *coefficients, uint8_t *coverage,
+                struct canopy_fitting_report *report, struct canopy_fault *fault) {
     const struct resolution r = choose(frame, fitting);
     const size_t field_bytes = CANOPY_FIELD_ARENA(frame->size[0], frame->size[1], r.cells[0], r.cells[1]);
     const size_t fast_bytes = CANOPY_FAST_ARENA(frame->size[0], frame->size[1], r.cells[1], r.lines);
@@ -152,6 +119,9 @@ static bool fit(const struct canopy_turned *turned, const struct canopy_frame *f
         canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
     } else {
         ok = solve(turned, fitting->field > 0, &field, &fast, coefficients, report, fault);
+        if (coverage) {
+            canopy_field_coverage(&field, coverage);
+        }
     }
     free(field_arena);
     free(fast_arena);
@@ -161,26 +131,65 @@ static bool fit(const struct canopy_turned *turned, const struct canopy_frame *f
 bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
                         const struct canopy_fitting *fitting, int32_t *coefficients,
                         struct canopy_fitting_report *report, struct canopy_fault *fault) {
-    const bool ok = fit(turned, frame, fitting, coefficients, report, fault) &&
-                    (!fitting->tight || tighten(turned, frame, coefficients, NULL, report, fault));
+    const bool ok = fit(turned, frame, fitting, coefficients, NULL, report, fault) &&
+                    (!fitting->tight || tighten(turned, frame, fitting, coefficients, NULL, report, fault));
     canopy_fast_orient(frame, coefficients);
+    return ok;
+}
+
+/// Fills what is free of both sides smoothly, as far as they stay apart; `wish` has room for both.
+static void ease(const struct canopy_frame *frame, int32_t *const coefficients[2], const uint8_t *seen, int32_t *wish) {
+    const size_t count = (size_t)frame->size[0] * frame->size[1];
+    int32_t *const wishes[2] = {wish, wish + count};
+    for (int k = 0; k < 2; k++) {
+        struct canopy_free work;
+        memcpy(wishes[k], coefficients[k], count * sizeof *wish);
+        if (canopy_free_begin(&work, frame->size, seen, wishes[k]) == CANOPY_OK) {
+            canopy_free_straighten(&work);
+            while (canopy_free_step(&work, UINT32_MAX) == CANOPY_MORE) {}
+        }
+    }
+    struct canopy_sandwich_ease easing;
+    canopy_sandwich_ease_begin(&easing, frame->size, (const int32_t *const[2]){coefficients[0], coefficients[1]},
+                               wishes);
+    while (canopy_sandwich_ease_step(&easing, UINT32_MAX) == CANOPY_MORE) {}
+    for (int k = 0; k < 2; k++) {
+        memcpy(coefficients[k], wishes[k], count * sizeof *wish);
+    }
+}
+
+/// Both sides tight, from both fast ones.
+static bool tighten_both(const struct canopy_turned *turned, const struct canopy_frame frame[2],
+                         const struct canopy_fitting *fitting, int32_t *const coefficients[2], const uint8_t *coverage,
+                         struct canopy_fitting_report report[2], struct canopy_fault *fault) {
+    const size_t count = (size_t)frame[0].size[0] * frame[0].size[1];
+    int32_t *upper = coefficients[CANOPY_ABOVE];
+    int32_t *lower = coefficients[CANOPY_BELOW];
+    int32_t *wish = malloc(2 * count * sizeof *wish);
+    uint8_t *seen = calloc(CANOPY_FREE_SEEN_BYTES(frame[0].size[0], frame[0].size[1]), 1);
+    bool ok = (wish && seen) || canopy_fault_no_memory(fault);
+    canopy_sandwich_raise(upper, lower, count);
+    ok = ok && tighten(turned, &frame[CANOPY_BELOW], fitting, lower, upper, &report[CANOPY_BELOW], fault) &&
+         tighten(turned, &frame[CANOPY_ABOVE], fitting, upper, lower, &report[CANOPY_ABOVE], fault);
+    if (ok) {
+        canopy_free_see(frame[0].size, coverage, seen);
+        ease(&frame[0], coefficients, seen, wish);
+    }
+    free(wish);
+    free(seen);
     return ok;
 }
 
 bool canopy_fitting_run_both(const struct canopy_turned *turned, const struct canopy_frame frame[2],
                              const struct canopy_fitting *fitting, int32_t *const coefficients[2],
                              struct canopy_fitting_report report[2], struct canopy_fault *fault) {
-    int32_t *upper = coefficients[CANOPY_ABOVE];
-    int32_t *lower = coefficients[CANOPY_BELOW];
-    bool ok = true;
-    for (int k = 0; ok && k < 2; k++) {
-        ok = fit(turned, &frame[k], fitting, coefficients[k], &report[k], fault);
+    uint8_t *coverage = malloc(CANOPY_COVERAGE_BYTES(frame[0].size[0], frame[0].size[1]));
+    bool ok = coverage || canopy_fault_no_memory(fault);
+    for (int k = 0; k < 2; k++) {
+        ok = ok && fit(turned, &frame[k], fitting, coefficients[k], coverage, &report[k], fault);
     }
-    if (ok && fitting->tight) {
-        canopy_sandwich_raise(upper, lower, (size_t)frame[0].size[0] * frame[0].size[1]);
-        ok = tighten(turned, &frame[CANOPY_BELOW], lower, upper, &report[CANOPY_BELOW], fault) &&
-             tighten(turned, &frame[CANOPY_ABOVE], upper, lower, &report[CANOPY_ABOVE], fault);
-    }
+    ok = ok && (!fitting->tight || tighten_both(turned, frame, fitting, coefficients, coverage, report, fault));
+    free(coverage);
     for (int k = 0; k < 2; k++) {
         canopy_fast_orient(&frame[k], coefficients[k]);
     }
