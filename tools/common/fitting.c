@@ -167,10 +167,14 @@ static bool tighten_both(const struct canopy_turned *turned, const struct canopy
     int32_t *lower = coefficients[CANOPY_BELOW];
     int32_t *wish = malloc(2 * count * sizeof *wish);
     uint8_t *seen = calloc(CANOPY_FREE_SEEN_BYTES(frame[0].size[0], frame[0].size[1]), 1);
-    bool ok = (wish && seen) || canopy_fault_no_memory(fault);
+    if (!wish || !seen) {
+        free(wish);
+        free(seen);
+        return canopy_fault_no_memory(fault);
+    }
     canopy_sandwich_raise(upper, lower, count);
-    ok = ok && tighten(turned, &frame[CANOPY_BELOW], fitting, lower, upper, &report[CANOPY_BELOW], fault) &&
-         tighten(turned, &frame[CANOPY_ABOVE], fitting, upper, lower, &report[CANOPY_ABOVE], fault);
+    const bool ok = tighten(turned, &frame[CANOPY_BELOW], fitting, lower, upper, &report[CANOPY_BELOW], fault) &&
+                    tighten(turned, &frame[CANOPY_ABOVE], fitting, upper, lower, &report[CANOPY_ABOVE], fault);
     if (ok) {
         canopy_free_see(frame[0].size, coverage, seen);
         ease(&frame[0], coefficients, seen, wish);
@@ -184,7 +188,10 @@ bool canopy_fitting_run_both(const struct canopy_turned *turned, const struct ca
                              const struct canopy_fitting *fitting, int32_t *const coefficients[2],
                              struct canopy_fitting_report report[2], struct canopy_fault *fault) {
     uint8_t *coverage = malloc(CANOPY_COVERAGE_BYTES(frame[0].size[0], frame[0].size[1]));
-    bool ok = coverage || canopy_fault_no_memory(fault);
+    if (!coverage) {
+        return canopy_fault_no_memory(fault);
+    }
+    bool ok = true;
     for (int k = 0; k < 2; k++) {
         ok = ok && fit(turned, &frame[k], fitting, coefficients[k], coverage, &report[k], fault);
     }
