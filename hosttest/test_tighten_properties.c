@@ -151,8 +151,9 @@ static void make_frame(const struct scene *s, struct canopy_frame *frame) {
 static CANOPY_ARENA_DECLARE(field_arena, CANOPY_FIELD_ARENA(GRID_MAX, GRID_MAX, CELLS_MAX, CELLS_MAX));
 static CANOPY_ARENA_DECLARE(fast_arena, CANOPY_FAST_ARENA(GRID_MAX, GRID_MAX, CELLS_MAX, CELLS_MAX));
 static CANOPY_ARENA_DECLARE(certify_arena, CANOPY_CERTIFY_ARENA(GRID_MAX, CELLS_MAX, CELLS_MAX));
-#define NODES_MAX CANOPY_TIGHTEN_NODES(GRID_MAX, GRID_MAX, CELLS_MAX, CELLS_MAX)
-static CANOPY_ARENA_DECLARE(tighten_arena, CANOPY_TIGHTEN_ARENA(GRID_MAX, GRID_MAX, NODES_MAX));
+#define ROWS_MAX CANOPY_TIGHTEN_ROWS(GRID_MAX, GRID_MAX)
+static CANOPY_ARENA_DECLARE(tighten_arena,
+                            CANOPY_TIGHTEN_ARENA(GRID_MAX, GRID_MAX, CELLS_MAX, CELLS_MAX, POINTS_MAX, ROWS_MAX));
 
 struct subject {
     struct canopy_frame frame;
@@ -197,7 +198,12 @@ static void begin(struct scene *s, struct subject *x) {
     if (s->start == FAST) {
         start_fast(x);
     }
-    assert_int_equal(canopy_tighten_init(&x->tighten, &x->frame, NODES_MAX, tighten_arena, sizeof tighten_arena),
+    const uint32_t least = 2U * (uint32_t)coefficients_of(x),
+                   most = CANOPY_TIGHTEN_ROWS(s->grid.size[0], s->grid.size[1]);
+    const struct canopy_tighten_size size = {.points = s->count,
+                                             .cells = {x->frame.cells, x->frame.cells},
+                                             .rows = least + canopy_random_below(&s->random, most - least + 1)};
+    assert_int_equal(canopy_tighten_init(&x->tighten, &x->frame, &size, tighten_arena, sizeof tighten_arena),
                      CANOPY_OK);
     assert_int_equal(s->from_field ? canopy_tighten_field(&x->tighten, &x->field, &x->certify)
                      : s->scalar == CANOPY_F32

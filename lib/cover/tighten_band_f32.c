@@ -2,7 +2,6 @@
 
 #include "lib/cover/tighten_f32.h"
 
-#define LANES CANOPY_TIGHTEN_LANES
 #define PIVOT_LEAST 3e-7f  // of its own diagonal: below that rounding has eaten it
 
 // Sums in lanes, so that it does not depend on the machine's vectors.

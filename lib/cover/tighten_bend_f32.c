@@ -1,3 +1,7 @@
+// The free coefficients: bent as little as possible beside the others.
+
+#include <string.h>
+
 #include "lib/cover/tighten_f32.h"
 
 #define RIDGE 1e-5f  // where nothing holds a plane
@@ -24,7 +28,19 @@ static inline uint32_t clamped(uint32_t i, uint32_t by, uint32_t size) {  // i +
     return j < size ? j : size - 1;
 }
 
-void canopy_tighten_bend_row(struct canopy_tighten *t, uint32_t i) {
+void canopy_tighten_begin_bend(struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
+    memset(t->matrix, 0, 4 * count * CANOPY_TIGHTEN_BAND(t->frame.size[1]));
+    memset(t->step, 0, 4 * count);
+    bool any = false;
+    for (size_t j = 0; j < count; j++) {
+        t->x[j] = canopy_tighten_height(t, t->b[j]);
+        any = any || !t->seen[j];
+    }
+    canopy_tighten_go(t, any ? CANOPY_TIGHTEN_BEND : CANOPY_TIGHTEN_DONE);
+}
+
+static void bend_at(struct canopy_tighten *t, uint32_t i) {
     static const float second[4] = {1, -2, 1, 0};
     static const float mixed[4] = {1.4142136f, -1.4142136f, -1.4142136f, 1.4142136f};
     const uint32_t m = t->frame.size[0], n = t->frame.size[1], before = clamped(i, 0, m) * n,
@@ -40,10 +56,31 @@ void canopy_tighten_bend_row(struct canopy_tighten *t, uint32_t i) {
     }
 }
 
-void canopy_tighten_bend_finish(struct canopy_tighten *t) {
+// What makes it regular.
+static void finish_energy(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t), stride = CANOPY_TIGHTEN_BAND(t->frame.size[1]);
     for (size_t j = 0; j < count; j++) {
         t->matrix[j * stride + (stride - 1)] += t->seen[j] ? 1.0f : RIDGE;
         t->step[j] = t->seen[j] ? 0.0f : t->step[j] + RIDGE * t->x[j];
     }
+}
+
+void canopy_tighten_bend_row(struct canopy_tighten *t) {
+    bend_at(t, t->at);
+    if (++t->at == t->frame.size[0]) {
+        finish_energy(t);
+        canopy_tighten_go(t, CANOPY_TIGHTEN_BEND_FACTOR);
+    }
+}
+
+void canopy_tighten_finish_bend(struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
+    canopy_tighten_solve(t->matrix, t->frame.size[1], (uint32_t)count, t->step);
+    for (size_t j = 0; j < count; j++) {
+        if (!t->seen[j]) {
+            const float x = smaller(larger(t->step[j], CANOPY_TIGHTEN_FLOOR), CANOPY_TIGHTEN_CEILING);
+            t->b[j] = t->low + (int32_t)(x * t->range);
+        }
+    }
+    t->stage = CANOPY_TIGHTEN_DONE;
 }

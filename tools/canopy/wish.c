@@ -17,9 +17,8 @@ enum { METHOD = 0x200, SCALAR, UNIT, DIR, FIELD, FRAME };
 static const struct argp_option OPTIONS[] = {
     {"grid", 'g', "MxN", 0, "coefficients along the frame's first and second axis, 4x4 to 1024x1024 (required)", 0},
     {"method", METHOD, "fast|tight", 0,
-     "how to fit: fast (default), or tight: fast tightened to within a few per cent of the least mean gap possible, "
-     "which is "
-     "proved and printed; from the points only",
+     "how to fit: fast (default), or tight: fast tightened to within a few per cent of the least mean gap possible "
+     "above all points, or, with --field, above all covered cells; how far it is at most is proved and printed",
      0},
     {"scalar", SCALAR, "f32|fx", 0, "the device's numbers: 32-bit float (default) or 32-bit fixed point", 0},
     {"unit", UNIT, "U", 0,
@@ -68,9 +67,6 @@ const struct argp canopy_wish_argp = {.options = OPTIONS, .parser = parse};
 void canopy_wish_end(const struct canopy_wish *wish, struct argp_state *state) {
     if (!wish->points || !wish->grid) {
         argp_error(state, "give a point file and --grid MxN");
-    }
-    if (wish->tight && wish->field) {
-        argp_error(state, "--method tight fits from the points: leave --field out");
     }
     if (wish->frame && wish->dir) {
         argp_error(state, "--dir is part of --frame: give one of them");

@@ -14,7 +14,7 @@
 struct canopy_fitting {
     uint16_t field;  ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
     uint16_t lines;  ///< with a field: lines a knot interval of u, a divisor of `field`; 0: one
-    bool tight;      ///< from the points only: what `fast` gives is tightened as far as it goes
+    bool tight;      ///< what `fast` gives is tightened as far as it goes
 };
 
 struct canopy_fitting_report {
@@ -26,7 +26,7 @@ struct canopy_fitting_report {
 };
 
 /// Fits into coefficients[size[0] * size[1]]: heights in the frame's steps, for either side. Memory: the field, at most
-/// 64 MB unless it is wished larger; tightening, 28 bytes a point and CANOPY_TIGHTEN_ARENA's matrix beside it.
+/// 64 MB unless it is wished larger; what tightening takes stands in tightening.h.
 bool canopy_fitting_run(const struct canopy_turned *turned, const struct canopy_frame *frame,
                         const struct canopy_fitting *fitting, int32_t *coefficients,
                         struct canopy_fitting_report *report, struct canopy_fault *fault);
