@@ -159,16 +159,18 @@ bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wis
 
 void canopy_wish_report(const struct canopy_surface_wish *wish, const struct canopy_loaded *loaded,
                         const struct canopy_surface_report *r, const char *output) {
-    char how[100] = "fast";
+    char how[120], from[30] = "";
     char windows[80] = "";
     if (r->windows > 0) {
         snprintf(windows, sizeof windows, " with %zu window%s (%zu coefficients)", r->windows,
                  r->windows > 1 ? "s" : "", r->coefficients);
     }
     if (wish->fitting.field) {
-        snprintf(how, sizeof how, "fast from field %u", wish->fitting.field);
-    } else if (wish->fitting.tight) {
-        snprintf(how, sizeof how, "tight (%sat most %.2g%% from the tightest possible%s)",
+        snprintf(from, sizeof from, " from field %u", wish->fitting.field);
+    }
+    snprintf(how, sizeof how, "fast%s", from);
+    if (wish->fitting.tight) {
+        snprintf(how, sizeof how, "tight%s (%sat most %.2g%% from the tightest possible%s)", from,
                  r->windows > 0 ? "without windows " : "", 100.0 * r->fitting.excess,
                  r->fitting.paired ? " beside the other" : "");
     }
