@@ -98,19 +98,15 @@ static void round_coefficients(struct canopy_queried *q, double ratio, bool roug
 
 double canopy_queried_scale(struct canopy_queried *const queried[], size_t count, double reach) {
     double step = queried[0]->surrogate.lsb;
-    bool whole = true;
     for (size_t k = 0; k < count; k++) {
         const struct canopy_surrogate *s = &queried[k]->surrogate;
         step = fmin(step, s->lsb);
         reach = fmax(reach, largest_height(s));
-        for (size_t i = 0; i < (size_t)s->size[0] * s->size[1]; i++) {
-            whole = whole && s->coefficients[i] == rint(s->coefficients[i]);
-        }
     }
-    while (!whole && reach / step < 0x1p27 && reach > 0.0) {
+    while (reach / step < 0x1p26 && reach > 0.0) {
         step /= 2.0;
     }
-    while (reach / step >= 0x1p28 - 2.0) {
+    while (reach / step >= 0x1p27) {
         step *= 2.0;
     }
     for (size_t k = 0; k < count; k++) {

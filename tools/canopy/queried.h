@@ -35,8 +35,8 @@ void canopy_queried_free(struct canopy_queried *queried);
 /// Whether both have one unit and frame; the fault names both files and the first thing that differs.
 bool canopy_queried_match(const struct canopy_queried *a, const struct canopy_queried *b, struct canopy_fault *fault);
 
-/// Makes the envelopes of all, with one step, which is returned: the finest of their own, made coarser until every
-/// coefficient and everything up to `reach` (device units) is below 2^28 steps.
+/// Makes the envelopes of all, with one step, which is returned: the finest of their own, times the power of two for
+/// which the largest coefficient, or `reach` (device units) if that is larger, has 27 bits.
 double canopy_queried_scale(struct canopy_queried *const queried[], size_t count, double reach);
 
 // ---- What the commands have in common on their command line
