@@ -162,9 +162,21 @@ def test_tight_is_tighter_than_fast_and_safe(tmp_path, scene, scalar, side):
         assert verdict["wrong_side"] == verdict["outside_frame"] == 0
 
 
-def test_tight_fits_from_the_points(tmp_path, scene):
-    done = canopy("fit", scene, "--grid", "8x8", "--method", "tight", "--field", "4")
-    assert done.returncode == 64 and "--field" in done.stderr
+@pytest.mark.parametrize("cells", [4, 7])
+@pytest.mark.parametrize("scalar, side", [("f32", "above"), ("f32", "below"), ("fx", "above"), ("fx", "below")])
+def test_tight_from_a_field_is_tighter_than_fast_and_safe(tmp_path, scene, scalar, side, cells):
+    """Looser than from the points, which know more; still far tighter than fast from the same field."""
+    options = ("--scalar", scalar, "--side", side, "--field", cells)
+    _, fast = fit(tmp_path, scene, *options)
+    out, tight = fit(tmp_path, scene, *options, "--method", "tight")
+    _, points = fit(tmp_path, scene, "--scalar", scalar, "--side", side, "--method", "tight")
+    claimed = re.search(rf"tight from field {cells} \(at most ([0-9.e-]+)% from the tightest possible\)", tight)
+    assert float(claimed.group(1)) < 5
+    assert gap_of(points) < gap_of(tight) < 0.8 * gap_of(fast)
+    assert canopy("check", out, scene).returncode == 0
+    verdict = judge(out, scene)
+    if verdict:
+        assert verdict["wrong_side"] == verdict["outside_frame"] == 0
 
 
 @needs_scans
