@@ -85,12 +85,72 @@ static bool solve(const struct canopy_turned *turned, bool from_field, struct ca
     return ok;
 }
 
+static void transpose(const int32_t *from, const uint16_t size[2], int32_t *to) {
+    for (size_t i = 0; i < size[0]; i++) {
+        for (size_t j = 0; j < size[1]; j++) {
+            to[j * size[0] + i] = from[i * size[1] + j];
+        }
+    }
+}
+
+/// The frame with its first two axes exchanged, which are x and y in turned coordinates.
+static struct canopy_frame exchange(const struct canopy_frame *frame) {
+    struct canopy_frame to = *frame;
+    for (int a = 0; a < 2; a++) {
+        to.origin[a] = frame->origin[1 - a];
+        to.pitch[a] = frame->pitch[1 - a];
+        to.size[a] = frame->size[1 - a];
+    }
+    return to;
+}
+
+static union canopy_device_point *exchange_points(const struct canopy_turned *turned) {
+    union canopy_device_point *points = malloc(turned->count * sizeof *points);
+    for (size_t p = 0; points && p < turned->count; p++) {
+        points[p] = turned->points[p];
+        points[p].fx[0] = turned->points[p].fx[1];  // the bits of either scalar
+        points[p].fx[1] = turned->points[p].fx[0];
+    }
+    return points;
+}
+
+/// The same with the axes exchanged, for a grid that is wider than it is long: the matrix is as wide as the second axis
+/// has coefficients, and 4 x 1024 would take minutes where 1024 x 4 takes a fifth of a second.
+static bool tighten_across(const struct canopy_turned *turned, const struct canopy_frame *frame, uint16_t field,
+                           int32_t *coefficients, int32_t *opposite, struct canopy_tightening_report *report,
+                           struct canopy_fault *fault) {
+    const struct canopy_frame across = exchange(frame);
+    const size_t count = (size_t)frame->size[0] * frame->size[1];
+    struct canopy_turned exchanged = *turned;
+    union canopy_device_point *points = exchange_points(turned);
+    int32_t *sides[2] = {malloc(count * sizeof **sides), malloc(count * sizeof **sides)};
+    bool ok = (points && sides[0] && sides[1]) || canopy_fault_no_memory(fault);
+    exchanged.points = points;
+    if (ok) {
+        transpose(coefficients, frame->size, sides[0]);
+        if (opposite) {
+            transpose(opposite, frame->size, sides[1]);
+        }
+        ok = canopy_tightening_run(&exchanged, &across, field, sides[0], opposite ? sides[1] : NULL, report, fault);
+        transpose(sides[0], across.size, coefficients);
+        if (opposite) {
+            transpose(sides[1], across.size, opposite);
+        }
+    }
+    free(points);
+    free(sides[0]);
+    free(sides[1]);
+    return ok;
+}
+
 /// Tightens what `fast` gave, clear of the other side's surface if there is one.
 static bool tighten(const struct canopy_turned *turned, const struct canopy_frame *frame,
                     const struct canopy_fitting *fitting, int32_t *coefficients, int32_t *opposite,
                     struct canopy_fitting_report *report, struct canopy_fault *fault) {
     struct canopy_tightening_report tightened;
-    if (!canopy_tightening_run(turned, frame, fitting->field, coefficients, opposite, &tightened, fault)) {
+    const bool wide = frame->size[1] > frame->size[0];
+    if (!(wide ? tighten_across : canopy_tightening_run)(turned, frame, fitting->field, coefficients, opposite,
+                                                         &tightened, fault)) {
         return false;
     }
     report->iterations = tightened.iterations;
