@@ -31,7 +31,7 @@ struct reference_client {
     uint32_t sequence;
     uint64_t shown_header;
     uint16_t shown_blocks;
-    bool shown_coverage;
+    bool shown_coverage, shown_changes;
 };
 
 struct world {
@@ -137,24 +137,26 @@ static uint32_t expected_sequence(const struct world *world, struct reference_cl
                                   uint32_t end) {
     uint64_t header = 0;
     uint16_t blocks = 0;
-    bool coverage = false, anything = false;
+    bool coverage = false, changes = false, anything = false;
     for (uint32_t a = first; a < end; a++) {
-        if (a >= CANOPY_REGISTER_SEQUENCE && a <= CANOPY_REGISTER_COVERAGE_COUNT)
+        if (a >= CANOPY_REGISTER_SEQUENCE && a <= CANOPY_REGISTER_FIRST_ROW_LOW + 1)
             header |= 1ULL << (a - CANOPY_REGISTER_SEQUENCE);
         for (uint32_t k = 0; k < BLOCKS_MAX; k++)
             if (a == CANOPY_REGISTER_BLOCK_0 + k * CANOPY_BLOCK_STRIDE)
                 blocks |= (uint16_t)(1U << k);
         coverage = coverage || a == CANOPY_REGISTER_COVERAGE_0;
+        changes = changes || a == CANOPY_REGISTER_CHANGED_0;
         anything = anything || a >= CANOPY_REGISTER_COVERAGE_0;
     }
     if (header == 0 && !anything)
         return 0;
     if (it->hold == FREE || (header & 1U) || (header & it->shown_header) || (blocks & it->shown_blocks) ||
-        (coverage && it->shown_coverage))
+        (coverage && it->shown_coverage) || (changes && it->shown_changes))
         *it = (struct reference_client){.hold = world->published ? HELD : FREE, .sequence = world->published};
     it->shown_header |= header;
     it->shown_blocks |= blocks;
     it->shown_coverage = it->shown_coverage || coverage;
+    it->shown_changes = it->shown_changes || changes;
     return it->hold == HELD ? it->sequence : 0;
 }
 
@@ -162,12 +164,17 @@ static uint16_t half(uint32_t value, bool low) { return (uint16_t)(low ? value :
 
 // Register `a` of the envelope with this sequence. Header registers that do not depend on it are not predicted.
 static bool predict(const struct world *world, uint32_t sequence, uint32_t a, uint16_t *to) {
+    if (a >= CANOPY_REGISTER_CHANGED_0) {  // every coefficient changes with every sequence
+        const uint32_t item = (a - CANOPY_REGISTER_CHANGED_0) / 2;
+        *to = half(item <= world->m && item < CANOPY_CHANGED_WORDS / 2 ? sequence : 0, a & 1U);
+        return true;
+    }
     if (a >= CANOPY_REGISTER_BLOCK_0) {
         const uint32_t k = (a - CANOPY_REGISTER_BLOCK_0) / CANOPY_BLOCK_STRIDE;
         const uint32_t word = (a - CANOPY_REGISTER_BLOCK_0) % CANOPY_BLOCK_STRIDE;
         const uint32_t index = k * CANOPY_PLC_BLOCK_COEFFICIENTS + word / 2 - 1;
         const bool there = sequence != 0 && k * CANOPY_PLC_BLOCK_COEFFICIENTS < count_of(world);
-        if (word >= CANOPY_BLOCK_WORDS)
+        if (word >= CANOPY_BLOCK_WORDS || k >= CANOPY_BLOCK_MAX)
             *to = 0;
         else if (word < 2)
             *to = half(there ? sequence : 0, word & 1U);
@@ -196,11 +203,15 @@ static bool predict(const struct world *world, uint32_t sequence, uint32_t a, ui
 
 // Between 100 and 199, and from the coverage blocks on.
 static bool is_register(uint32_t a) {
+    if (a >= CANOPY_REGISTER_CHANGED_0)
+        return (a - CANOPY_REGISTER_CHANGED_0) % CANOPY_CHANGED_STRIDE < CANOPY_CHANGED_WORDS;
+    if (a >= CANOPY_REGISTER_BLOCK_0 + CANOPY_BLOCK_MAX * CANOPY_BLOCK_STRIDE)
+        return false;
     if (a >= CANOPY_REGISTER_BLOCK_0)
         return (a - CANOPY_REGISTER_BLOCK_0) % CANOPY_BLOCK_STRIDE < CANOPY_BLOCK_WORDS;
     if (a >= CANOPY_REGISTER_COVERAGE_0)
         return a < CANOPY_REGISTER_COVERAGE_0 + CANOPY_COVERAGE_WORDS;
-    return (a >= 100 && a < 108) || (a >= 120 && a < 164) || (a >= 180 && a < 189);
+    return (a >= 100 && a < 108) || (a >= 120 && a < 168) || (a >= 180 && a < 189);
 }
 
 // Reads and compares every register that can be predicted. Where there is no register nothing happens.
@@ -520,7 +531,9 @@ static void random_requests(void **unused) {
         else if (what == 3 && chance(8) == 0)
             forget(&world, client);
         else if (what < 6)
-            ask(&world, client, 100 + chance(64), 1 + chance(60));
+            ask(&world, client, 100 + chance(70), 1 + chance(60));
+        else if (what == 8)
+            ask(&world, client, CANOPY_REGISTER_CHANGED_0 - 2 + chance(40), 3 + chance(80));
         else if (what < 8)
             ask(&world, client, CANOPY_REGISTER_COVERAGE_0 - 20 + chance(60), 30 + chance(95));
         else

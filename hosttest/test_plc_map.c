@@ -82,6 +82,7 @@ static void start(void) {
                                           .lsb_log2 = -2,
                                           .side = CANOPY_BELOW,
                                           .axis = {{201, -202, 203}, {-204, 205, -206}, {207, -208, 209}}};
+        to->first_row = -0x123456789;
         to->points = 0x7000001;
         to->margin = 0x12345;
         for (uint32_t k = 0; k < M * N; k++)
@@ -146,6 +147,8 @@ static const struct {
     {"axis_22", NULL, 209 / 1073741824.0},
     {"block_count", NULL, 7},
     {"coverage_count", NULL, 1},
+    {"first_row_high", NULL, -2},
+    {"first_row_low", NULL, 0xDCBA9877},
     {"query_x", NULL, 300},
     {"query_y", NULL, -10},
     {"query_height", NULL, 77},
@@ -252,12 +255,19 @@ static void check_coverage(uint32_t k, const uint8_t *bytes) {
     }
 }
 
+// The second publication was the same as the first.
+static void check_changes(uint32_t k, const uint8_t *bytes) {
+    assert_int_equal(pair_at(bytes, 0), k < 1 ? 2 : 0);
+    for (uint32_t i = 0; i < 61; i++)
+        assert_int_equal(pair_at(bytes, 2 + 2 * i), 61 * k + i < M ? 1 : 0);
+}
+
 static void every_register_by_name(void **unused) {
     (void)unused;
     start();
     assert_int_equal(json_integer_value(json_object_get(map, "map_version")), CANOPY_MAP_VERSION);
     assert_string_equal(json_string_value(json_object_get(map, "word_order")), "ABCD");
-    uint32_t found = 0, blocks = 0, coverage = 0;
+    uint32_t found = 0, blocks = 0, coverage = 0, changes = 0;
     size_t i;
     json_t *item;
     json_array_foreach(json_object_get(map, "registers"), i, item) {
@@ -281,6 +291,11 @@ static void every_register_by_name(void **unused) {
             check_coverage(k, bytes);
             continue;
         }
+        if (sscanf(name, "changed_%u%c", &k, &rest) == 1) {
+            assert_int_equal(k, changes++);
+            check_changes(k, bytes);
+            continue;
+        }
         size_t e = 0;
         while (e < EXPECTED && strcmp(expected[e].name, name) != 0)
             e++;
@@ -302,6 +317,85 @@ static void every_register_by_name(void **unused) {
     assert_int_equal(found, EXPECTED);
     assert_int_equal(blocks, CANOPY_BLOCK_MAX);
     assert_int_equal(coverage, CANOPY_COVERAGE_MAX);
+    assert_int_equal(changes, CANOPY_CHANGED_MAX);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// What changed
+
+// A PLC that keeps the rows by their number, reads those that changed after the sequence it knows, and has the envelope.
+struct follower {
+    uint32_t sequence;
+    int64_t first;
+    int32_t rows[M][N];
+};
+
+static uint32_t follow(struct follower *it, uint8_t client) {
+    uint8_t header[96], changes[250], block[250];
+    uint32_t read = 0;
+    assert_int_equal(canopy_plc_read(&plc, client, CANOPY_REGISTER_SEQUENCE, 48, header), 0);
+    const uint32_t sequence = pair_at(header, 0);
+    const int64_t first = (int64_t)((uint64_t)pair_at(header, 44) << 32 | pair_at(header, 46));
+    assert_int_equal(canopy_plc_read(&plc, client, CANOPY_REGISTER_CHANGED_0, 124, changes), 0);
+    assert_int_equal(pair_at(changes, 0), sequence);
+    const struct follower old = *it;
+    for (uint32_t i = 0; i < M; i++) {
+        const int64_t was = first + i - old.first;
+        if ((int32_t)(pair_at(changes, 2 + 2 * i) - old.sequence) > 0) {
+            for (uint32_t c = i * N; c < (i + 1) * N; c++) {
+                const uint16_t address = (uint16_t)(CANOPY_REGISTER_BLOCK_0 + c / 61 * CANOPY_BLOCK_STRIDE);
+                assert_int_equal(canopy_plc_read(&plc, client, (uint16_t)(address + 2 + c % 61 * 2), 2, block), 0);
+                it->rows[i][c % N] = (int32_t)pair_at(block, 0);
+            }
+            read++;
+        } else {
+            assert_true(was >= 0 && was < M);
+            memcpy(it->rows[i], old.rows[was], sizeof it->rows[i]);
+        }
+    }
+    it->sequence = sequence;
+    it->first = first;
+    return read;
+}
+
+static void who_reads_only_what_changed_has_all(void **unused) {
+    (void)unused;
+    static const int steps[] = {0, 0, 0, 1, 1, 2, 0, 3, 40, -1, 0};
+    static struct follower followers[CLIENTS];
+    static int32_t rows[M][N];
+    uint32_t random = 1, read = 0, followed = 0;
+    int64_t first = -7;
+    start();
+    memset(followers, 0, sizeof followers);
+    for (uint32_t time = 0; time < 4000; time++) {
+        random = random * 1664525U + 1013904223U;
+        const int by = steps[(random >> 16) % (sizeof steps / sizeof steps[0])];
+        first += by;
+        for (uint32_t i = 0; by > 0 && i < M; i++)  // as a ring moves: rows go to the front, new ones come
+            for (uint32_t j = 0; j < N; j++)
+                rows[i][j] = i + (uint32_t)by < M ? rows[i + (uint32_t)by][j] : (int32_t)(time * 1000 + i * N + j);
+        if ((random >> 8) % 3 == 0)
+            rows[(random >> 10) % M][(random >> 20) % N] ^= 1;
+        struct canopy_envelope *to = canopy_plc_begin(&plc);
+        to->frame = (struct canopy_frame){.origin = {by < 0 ? (int32_t)time : 5, (int32_t)first * 4, 9},
+                                          .pitch = {4, 4 + (time % 500 == 7)},  // a new scale: nothing is as it was
+                                          .size = {M, N},
+                                          .cells = 4,
+                                          .side = CANOPY_BELOW};
+        to->first_row = first;
+        memcpy(to->coefficients, rows, sizeof rows);
+        if ((random >> 12) % 50 == 0)
+            canopy_plc_withdraw(&plc);
+        assert_int_equal(canopy_plc_commit(&plc), CANOPY_OK);
+        for (uint8_t c = 0; c < CLIENTS; c++)
+            if ((random >> (4 + c)) % (2U + c) == 0) {  // some miss publications
+                read += follow(&followers[c], c);
+                followed++;
+                assert_memory_equal(followers[c].rows, rows, sizeof rows);
+            }
+    }
+    printf("# %u of %u rows read\n", read, followed * M);
+    assert_true(3 * read < 2 * followed * M);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -454,6 +548,7 @@ static void only_whole_items_are_written(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_register_by_name),
+        cmocka_unit_test(who_reads_only_what_changed_has_all),
         cmocka_unit_test(every_address_and_length),
         cmocka_unit_test(long_reads_are_many_short_ones),
         cmocka_unit_test(single_writes_have_their_effect_or_none),

@@ -93,7 +93,7 @@ def test_nothing_overlaps_and_series_are_regular(document):
     for item in document["registers"]:
         assert item["address"] >= end, item["name"]
         end = item["address"] + item["words"]
-    for stem in ("block_", "coverage_"):
+    for stem in ("block_", "coverage_", "changed_"):
         blocks = [i for i in document["registers"] if i["name"].startswith(stem) and i["name"][len(stem):].isdigit()]
         assert [i["name"] for i in blocks] == [f"{stem}{k}" for k in range(len(blocks))]
         assert {b["address"] - a["address"] for a, b in zip(blocks, blocks[1:])} == {125}
@@ -128,7 +128,7 @@ def test_the_crc_covers_meaning_but_not_wording(made, tmp_path):
     ("101,status,", "one,status,", "not a number"),
     ("101,status,u16,1,r,", "101,status,u16,1,rw,", "can be written"),
     ("340,cycle_max_us", "342,cycle_max_us", "a gap between cycle_us and cycle_max_us"),
-    ("269x124/125", "700x124/125", "beyond 65536"),
+    ("68x124/125", "700x124/125", "beyond 65536"),
     ("269x124/125", "269x126/125", "no series"),
     ("269x124/125", "269", "COUNTxWORDS/STRIDE"),
     ("@version,1", "", "@version"),

@@ -19,8 +19,8 @@ import zlib
 TABLE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "lib", "plc", "registers.csv")
 WORDS = {"u16": 1, "u32": 2, "i32": 2, "f32": 2}
 ACCESS = ("r", "rw", "w")
-GROUPS = ("identity", "live", "envelope", "query", "command", "counters", "coverage", "blocks")
-SERIES = ("coverage", "blocks")
+GROUPS = ("identity", "live", "envelope", "query", "command", "counters", "coverage", "blocks", "changes")
+SERIES = ("coverage", "blocks", "changes")
 WRITABLE = ("query", "command")
 HEADER_WORDS = 64  # lib/plc keeps which header registers a hold has shown in as many bits
 

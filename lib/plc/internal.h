@@ -10,6 +10,8 @@
 #define CANOPY_PLC_NO_SLOT 0xFFU
 #define CANOPY_PLC_BROKEN 0xFEU  ///< a hold whose envelope was withdrawn: shows nothing until it starts again
 
+#define CANOPY_PLC_HEADER_END (CANOPY_REGISTER_FIRST_ROW_LOW + 2U)  ///< beyond the last register of the header
+
 /// A stretch of registers: [first, end).
 struct canopy_plc_range {
     uint32_t first, end;

@@ -27,7 +27,8 @@ static bool group_in(struct canopy_plc_range range, const struct canopy_plc_grou
 static bool any_register(struct canopy_plc_range range) {
     if (series_has(range, CANOPY_REGISTER_BLOCK_0, CANOPY_BLOCK_STRIDE, CANOPY_BLOCK_WORDS, CANOPY_BLOCK_MAX) ||
         series_has(range, CANOPY_REGISTER_COVERAGE_0, CANOPY_COVERAGE_STRIDE, CANOPY_COVERAGE_WORDS,
-                   CANOPY_COVERAGE_MAX))
+                   CANOPY_COVERAGE_MAX) ||
+        series_has(range, CANOPY_REGISTER_CHANGED_0, CANOPY_CHANGED_STRIDE, CANOPY_CHANGED_WORDS, CANOPY_CHANGED_MAX))
         return true;
     for (size_t g = 0; g < CANOPY_PLC_GROUPS; g++)
         if (group_in(range, &canopy_plc_groups[g]))
@@ -41,6 +42,8 @@ static bool is_solid(struct canopy_plc_range range) {
         if (range.first >= canopy_plc_groups[g].address && range.end <= canopy_plc_groups[g].end)
             return true;
     const uint32_t count = range.end - range.first;
+    if (range.first >= CANOPY_REGISTER_CHANGED_0)
+        return (range.first - CANOPY_REGISTER_CHANGED_0) % CANOPY_CHANGED_STRIDE + count <= CANOPY_CHANGED_WORDS;
     if (range.first >= CANOPY_REGISTER_BLOCK_0)
         return (range.first - CANOPY_REGISTER_BLOCK_0) % CANOPY_BLOCK_STRIDE + count <= CANOPY_BLOCK_WORDS;
     return range.first >= CANOPY_REGISTER_COVERAGE_0 && range.end <= CANOPY_REGISTER_COVERAGE_0 + CANOPY_COVERAGE_WORDS;
@@ -150,6 +153,7 @@ static uint16_t half(uint32_t value, uint32_t word) { return (uint16_t)(word & 1
 struct blocks {
     const struct canopy_plc_slot *snapshot;
     uint32_t coefficients, cells, extreme;
+    uint32_t rows, noted;  // the snapshot says of the first `noted` rows when they changed
 };
 
 static uint32_t sequence_of(const struct blocks *from, bool exists) { return exists ? from->snapshot->sequence : 0; }
@@ -216,6 +220,20 @@ static void read_coverage(const struct blocks *from, uint32_t k, uint32_t first,
                                     : cells_from(from, before + 16 * (word - 2)));
 }
 
+// Item `item` of change block k: its sequence, then when its rows changed last.
+static uint32_t change_item(const struct blocks *from, uint32_t k, uint32_t item) {
+    const uint32_t before = k * CANOPY_PLC_BLOCK_ROWS, row = before + item - 1;
+    if (item == 0)
+        return sequence_of(from, before < from->rows);
+    return row < from->noted ? from->snapshot->changed[row] : sequence_of(from, row < from->rows);
+}
+
+// Registers [first, end) of change block k.
+static void read_changes(const struct blocks *from, uint32_t k, uint32_t first, uint32_t end, uint8_t *to) {
+    for (uint32_t word = first; word < end; word++, to += 2)
+        canopy_plc_put(to, half(change_item(from, k, word / 2), word));
+}
+
 struct series {
     uint32_t base, stride, words, count;
     void (*read)(const struct blocks *from, uint32_t k, uint32_t first, uint32_t end, uint8_t *to);
@@ -237,13 +255,17 @@ static const struct series coefficient_blocks = {CANOPY_REGISTER_BLOCK_0, CANOPY
                                                  CANOPY_BLOCK_MAX, read_block};
 static const struct series coverage_blocks = {CANOPY_REGISTER_COVERAGE_0, CANOPY_COVERAGE_STRIDE, CANOPY_COVERAGE_WORDS,
                                               CANOPY_COVERAGE_MAX, read_coverage};
+static const struct series change_blocks = {CANOPY_REGISTER_CHANGED_0, CANOPY_CHANGED_STRIDE, CANOPY_CHANGED_WORDS,
+                                            CANOPY_CHANGED_MAX, read_changes};
 
 static struct blocks blocks_of(const struct canopy_plc *plc, const struct canopy_plc_slot *snapshot) {
-    struct blocks from = {snapshot, 0, 0, (uint32_t)canopy_plc_extreme(plc)};
+    struct blocks from = {.snapshot = snapshot, .extreme = (uint32_t)canopy_plc_extreme(plc)};
     if (snapshot != NULL) {
         const uint16_t *size = snapshot->envelope.frame.size;
         from.coefficients = (uint32_t)size[0] * size[1];
         from.cells = (uint32_t)(size[0] - 1) * (uint32_t)(size[1] - 1);
+        from.rows = size[0];
+        from.noted = size[0] < plc->config.size[0] ? size[0] : plc->config.size[0];
     }
     return from;
 }
@@ -253,7 +275,7 @@ static struct blocks blocks_of(const struct canopy_plc *plc, const struct canopy
 
 // Only what is held starts or renews a hold: who polls live status between two blocks keeps it.
 static bool held(struct canopy_plc_range range) {
-    return canopy_plc_overlap(range, CANOPY_REGISTER_SEQUENCE, CANOPY_REGISTER_COVERAGE_COUNT + 1) ||
+    return canopy_plc_overlap(range, CANOPY_REGISTER_SEQUENCE, CANOPY_PLC_HEADER_END) ||
            range.end > CANOPY_REGISTER_COVERAGE_0;
 }
 
@@ -275,6 +297,7 @@ uint8_t canopy_plc_read(void *plc, uint8_t client, uint16_t address, uint16_t co
     const struct blocks from = blocks_of(it, snapshot);
     read_series(&coverage_blocks, &from, range, to);
     read_series(&coefficient_blocks, &from, range, to);
+    read_series(&change_blocks, &from, range, to);
     return CANOPY_MODBUS_NO_EXCEPTION;
 }
 

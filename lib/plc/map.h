@@ -73,6 +73,8 @@ struct canopy_plc_envelope {
     int32_t margin, origin[3];
     uint32_t pitch[2];
     int32_t axis[3][3];
+    int32_t first_row_high;
+    uint32_t first_row_low;
     uint16_t scalar, side, grid_m, grid_n, block_count, coverage_count;
 };
 

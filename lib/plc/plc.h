@@ -66,12 +66,14 @@ struct canopy_plc_config {
 
 #define CANOPY_PLC_BLOCK_COEFFICIENTS 61U
 #define CANOPY_PLC_BLOCK_CELLS 1952U
+#define CANOPY_PLC_BLOCK_ROWS 61U
 #define CANOPY_PLC_BLOCKS_OF(coefficients) (((size_t)(coefficients) + 60U) / CANOPY_PLC_BLOCK_COEFFICIENTS)
 #define CANOPY_PLC_COVERAGE_OF(cells) (((size_t)(cells) + 1951U) / CANOPY_PLC_BLOCK_CELLS)
 
 /// One envelope. All members are the object's own.
 struct canopy_plc_slot {
     struct canopy_envelope envelope;
+    uint32_t *changed;  ///< by row of coefficients: the sequence that changed it last
     uint32_t sequence;
     uint16_t holders;
 };
@@ -79,7 +81,7 @@ struct canopy_plc_slot {
 /// One client. All members are the object's own.
 struct canopy_plc_client {
     uint64_t shown;         ///< header registers that the hold has shown
-    uint8_t *shown_blocks;  ///< the same of the blocks' first registers: coefficients, then coverage
+    uint8_t *shown_blocks;  ///< the same of the blocks' first registers: coefficients, coverage, changes
     struct canopy_plc_query query;
     struct canopy_plc_command command;
     uint8_t hold;  ///< slot, CANOPY_PLC_NO_SLOT or CANOPY_PLC_BROKEN
@@ -98,18 +100,19 @@ struct canopy_plc {
     uint8_t published, writing;  ///< slots, or CANOPY_PLC_NO_SLOT
 };
 
-// One bit a block; coverage never has more blocks than coefficients have.
-#define CANOPY_PLC_SHOWN_BYTES(capacity) ((2U * CANOPY_PLC_BLOCKS_OF(capacity) + 7U) / 8U)
-#define CANOPY_PLC_SLOT_BYTES(capacity)                                                                                \
-    (CANOPY_ARENA_ROUND(4U * (size_t)(capacity)) + CANOPY_ARENA_ROUND(((size_t)(capacity) + 7U) / 8U))
+// One bit a block; neither coverage nor changes have more blocks than coefficients have.
+#define CANOPY_PLC_SHOWN_BYTES(capacity) ((3U * CANOPY_PLC_BLOCKS_OF(capacity) + 7U) / 8U)
+#define CANOPY_PLC_SLOT_BYTES(capacity, rows)                                                                          \
+    (CANOPY_ARENA_ROUND(4U * (size_t)(capacity)) + CANOPY_ARENA_ROUND(((size_t)(capacity) + 7U) / 8U) +                \
+     CANOPY_ARENA_ROUND(4U * (size_t)(rows)))
 
 /// Bytes of arena for grids of up to m * n coefficients and so many clients: a constant expression.
-#define CANOPY_PLC_ARENA(m, n, clients) CANOPY_PLC_ARENA_FOR((size_t)(m) * (size_t)(n), (size_t)(clients))
-#define CANOPY_PLC_ARENA_FOR(capacity, clients)                                                                        \
+#define CANOPY_PLC_ARENA(m, n, clients) CANOPY_PLC_ARENA_FOR((size_t)(m) * (size_t)(n), m, (size_t)(clients))
+#define CANOPY_PLC_ARENA_FOR(capacity, rows, clients)                                                                  \
     (CANOPY_ARENA_ROUND((clients) * sizeof(struct canopy_plc_client)) +                                                \
      CANOPY_ARENA_ROUND((clients)*CANOPY_PLC_SHOWN_BYTES(capacity)) +                                                  \
      CANOPY_ARENA_ROUND(((clients) + 2U) * sizeof(struct canopy_plc_slot)) +                                           \
-     ((clients) + 2U) * CANOPY_PLC_SLOT_BYTES(capacity))
+     ((clients) + 2U) * CANOPY_PLC_SLOT_BYTES(capacity, rows))
 
 /// Makes an object that has published nothing. `arena`: at least CANOPY_PLC_ARENA(m, n, clients) bytes, aligned to 8;
 /// it belongs to the object as long as the object is used. The configuration is copied.
@@ -130,7 +133,8 @@ struct canopy_envelope *canopy_plc_begin(struct canopy_plc *plc);
 /// Publishes what canopy_plc_begin() gave: the sequence grows by one (from 2^32 - 1 to 1), holds stay as they are.
 /// CANOPY_ARGUMENT: nothing was begun, a size below 4 or with more coefficients than the room, a side or scalar other
 /// than configured, a negative margin or a pitch of 0. CANOPY_RANGE: unit * 2^quantum_log2 or 2^lsb_log2 is no normal
-/// float. After an error nothing is published, and the envelope is still there to be mended. O(1).
+/// float. After an error nothing is published, and the envelope is still there to be mended. Compares the rows of
+/// coefficients with those of the envelope published until now, to tell which have changed: O(m n) at most.
 enum canopy_status canopy_plc_commit(struct canopy_plc *plc);
 
 /// Publishes a copy of `envelope` (not of the one that canopy_plc_begin gave): canopy_plc_begin, a copy,

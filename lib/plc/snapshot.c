@@ -5,7 +5,9 @@ _Static_assert(CANOPY_BLOCK_WORDS == 2 + 2 * CANOPY_PLC_BLOCK_COEFFICIENTS, "a b
 _Static_assert(CANOPY_COVERAGE_WORDS == 2 + CANOPY_PLC_BLOCK_CELLS / 16, "a block is a sequence and bits");
 _Static_assert(CANOPY_BLOCK_MAX >= CANOPY_PLC_BLOCKS_OF(CANOPY_PLC_CAPACITY_MAX), "the map has all blocks");
 _Static_assert(CANOPY_COVERAGE_MAX >= CANOPY_PLC_COVERAGE_OF(CANOPY_PLC_CAPACITY_MAX), "the map has all coverage");
-_Static_assert(CANOPY_REGISTER_COVERAGE_COUNT + 1 - CANOPY_REGISTER_SEQUENCE <= 64, "a bit for each header register");
+_Static_assert(CANOPY_CHANGED_WORDS == 2 + 2 * CANOPY_PLC_BLOCK_ROWS, "a block is a sequence and rows");
+_Static_assert(CANOPY_CHANGED_MAX *CANOPY_PLC_BLOCK_ROWS >= CANOPY_PLC_CAPACITY_MAX / 4, "the map has all rows");
+_Static_assert(CANOPY_PLC_HEADER_END - CANOPY_REGISTER_SEQUENCE <= 64, "a bit for each header register");
 
 // ---------------------------------------------------------------------------------------------------------------------
 // Numbers
@@ -50,9 +52,10 @@ enum canopy_status canopy_plc_init(struct canopy_plc *plc, const struct canopy_p
     if (plc == NULL || config == NULL || !acceptable(config))
         return CANOPY_ARGUMENT;
     const uint32_t capacity = (uint32_t)config->size[0] * config->size[1];
-    const size_t clients = config->clients, slots = clients + 2;
+    const size_t clients = config->clients, slots = clients + 2, rows = config->size[0];
     struct canopy_arena cut;
-    const enum canopy_status status = canopy_arena_open(&cut, arena, bytes, CANOPY_PLC_ARENA_FOR(capacity, clients));
+    const enum canopy_status status =
+        canopy_arena_open(&cut, arena, bytes, CANOPY_PLC_ARENA_FOR(capacity, rows, clients));
     if (status != CANOPY_OK)
         return status;
     *plc = (struct canopy_plc){.config = *config,
@@ -68,6 +71,7 @@ enum canopy_status canopy_plc_init(struct canopy_plc *plc, const struct canopy_p
         plc->slots[i] = (struct canopy_plc_slot){0};
         plc->slots[i].envelope.coefficients = canopy_arena_take(&cut, 4U * (size_t)capacity);
         plc->slots[i].envelope.coverage = canopy_arena_take(&cut, ((size_t)capacity + 7U) / 8U);
+        plc->slots[i].changed = canopy_arena_take(&cut, 4U * rows);
     }
     for (uint8_t i = 0; i < config->clients; i++) {
         plc->clients[i] =
@@ -103,6 +107,7 @@ struct canopy_envelope *canopy_plc_begin(struct canopy_plc *plc) {
         struct canopy_envelope *envelope = &plc->slots[plc->writing].envelope;
         envelope->frame.side = plc->config.side;
         envelope->scalar = plc->config.scalar;
+        envelope->first_row = 0;
     }
     return &plc->slots[plc->writing].envelope;
 }
@@ -118,6 +123,35 @@ static enum canopy_status publishable(const struct canopy_plc *plc, const struct
     return canopy_plc_header(plc, slot, &header) ? CANOPY_OK : CANOPY_RANGE;
 }
 
+// By how many rows the scene has moved since `old`; false if the coefficients mean something else now.
+static bool moved_by(const struct canopy_envelope *old, const struct canopy_envelope *next, uint64_t *rows) {
+    const struct canopy_frame *a = &old->frame, *b = &next->frame;
+    *rows = (uint64_t)next->first_row - (uint64_t)old->first_row;
+    const int first = *rows == 0 ? 0 : 2;  // a scene that moves takes its origin along
+    for (int axis = first; axis < 3; axis++)
+        if (a->origin[axis] != b->origin[axis])
+            return false;
+    return memcmp(a->pitch, b->pitch, sizeof a->pitch) == 0 && memcmp(a->size, b->size, sizeof a->size) == 0 &&
+           memcmp(a->axis, b->axis, sizeof a->axis) == 0 && a->lsb_log2 == b->lsb_log2 &&
+           a->quantum_log2 == b->quantum_log2;
+}
+
+// Says of each row of the slot which sequence changed it last. `old` is what was published until now, or NULL.
+static void note_changes(const struct canopy_plc *plc, struct canopy_plc_slot *slot,
+                         const struct canopy_plc_slot *old) {
+    const uint16_t *size = slot->envelope.frame.size;
+    const uint32_t known = size[0] < plc->config.size[0] ? size[0] : plc->config.size[0];
+    uint64_t moved = 0;
+    const bool comparable = old != NULL && moved_by(&old->envelope, &slot->envelope, &moved);
+    for (uint32_t i = 0; i < known; i++) {
+        const uint64_t was = i + moved;
+        const bool same = comparable && was < known &&
+                          memcmp(slot->envelope.coefficients + (size_t)i * size[1],
+                                 old->envelope.coefficients + (size_t)was * size[1], 4U * (size_t)size[1]) == 0;
+        slot->changed[i] = same ? old->changed[was] : slot->sequence;
+    }
+}
+
 enum canopy_status canopy_plc_commit(struct canopy_plc *plc) {
     if (plc->writing == CANOPY_PLC_NO_SLOT)
         return CANOPY_ARGUMENT;
@@ -128,6 +162,7 @@ enum canopy_status canopy_plc_commit(struct canopy_plc *plc) {
     plc->sequence = plc->sequence == UINT32_MAX ? 1 : plc->sequence + 1;  // 0 says that there is no envelope
     plc->publications++;
     slot->sequence = plc->sequence;
+    note_changes(plc, slot, plc->published == CANOPY_PLC_NO_SLOT ? NULL : &plc->slots[plc->published]);
     plc->published = plc->writing;
     plc->writing = CANOPY_PLC_NO_SLOT;
     return CANOPY_OK;
@@ -145,6 +180,7 @@ enum canopy_status canopy_plc_publish(struct canopy_plc *plc, const struct canop
     to->scalar = envelope->scalar;
     to->points = envelope->points;
     to->margin = envelope->margin;
+    to->first_row = envelope->first_row;
     return canopy_plc_commit(plc);
 }
 
@@ -193,7 +229,7 @@ void canopy_plc_forget(struct canopy_plc *plc, uint8_t client) {
 
 // The header registers of a range as bits.
 static uint64_t header_bits(struct canopy_plc_range range) {
-    const uint32_t first = CANOPY_REGISTER_SEQUENCE, end = CANOPY_REGISTER_COVERAGE_COUNT + 1;
+    const uint32_t first = CANOPY_REGISTER_SEQUENCE, end = CANOPY_PLC_HEADER_END;
     if (!canopy_plc_overlap(range, first, end))
         return 0;
     const uint32_t from = range.first > first ? range.first - first : 0;
@@ -245,12 +281,15 @@ const struct canopy_plc_slot *canopy_plc_hold(struct canopy_plc *plc, uint8_t cl
         blocks_begun(range, CANOPY_REGISTER_BLOCK_0, CANOPY_BLOCK_STRIDE, block_count);
     const struct canopy_plc_range coverage =
         blocks_begun(range, CANOPY_REGISTER_COVERAGE_0, CANOPY_COVERAGE_STRIDE, CANOPY_PLC_COVERAGE_OF(plc->capacity));
+    const struct canopy_plc_range changes =
+        blocks_begun(range, CANOPY_REGISTER_CHANGED_0, CANOPY_CHANGED_STRIDE, block_count);
     if (it->hold == CANOPY_PLC_NO_SLOT || (header & 1U) || (header & it->shown) || any_shown(it, blocks, 0) ||
-        any_shown(it, coverage, block_count))
+        any_shown(it, coverage, block_count) || any_shown(it, changes, 2 * block_count))
         start_hold(plc, it);
     it->shown |= header;
     mark_shown(it, blocks, 0);
     mark_shown(it, coverage, block_count);
+    mark_shown(it, changes, 2 * block_count);
     return it->hold < CANOPY_PLC_BROKEN ? &plc->slots[it->hold] : NULL;
 }
 
@@ -268,6 +307,8 @@ bool canopy_plc_header(const struct canopy_plc *plc, const struct canopy_plc_slo
         to->sequence = slot->sequence;
         to->points = slot->envelope.points;
         to->margin = slot->envelope.margin;
+        to->first_row_high = (int32_t)(uint32_t)((uint64_t)slot->envelope.first_row >> 32);
+        to->first_row_low = (uint32_t)(uint64_t)slot->envelope.first_row;
         normals = scale_bits(bits_of(plc->config.unit), frame->quantum_log2, &to->unit) &&
                   scale_bits(bits_of(1.0f), frame->lsb_log2, &to->lsb);
         memcpy(to->origin, frame->origin, sizeof to->origin);
