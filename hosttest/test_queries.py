@@ -389,6 +389,16 @@ def test_regrid_of_foreign_coefficients(tmp_path):
             judge_regrid(old, regrid(tmp_path, old, grid)[0])
 
 
+def test_regrid_tight_is_tighter(tmp_path):
+    old = fit(tmp_path, "old")
+    distances = []
+    for method in ("fast", "tight"):
+        out, line = regrid(tmp_path, old, "10x10", "--method", method)
+        judge_regrid(old, out)
+        distances.append(float(line.split("mean distance ")[1]))
+    assert 0 < distances[1] < 0.7 * distances[0]
+
+
 def test_regrid_of_a_part(tmp_path):
     old = fit(tmp_path, "old")
     u0, u1, v0, v1 = Surface(old).edges()

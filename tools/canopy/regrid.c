@@ -9,8 +9,10 @@
 #include "lib/cover/certify.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/query_regrid.h"
+#include "lib/cover/tighten.h"
 #include "tools/canopy/command.h"
 #include "tools/canopy/queried.h"
+#include "tools/canopy/wish.h"
 #include "tools/common/option.h"
 
 static const char DOC[] =
@@ -26,16 +28,18 @@ static const char DOC[] =
     "input units.\n\n"
     "Exit status: 0; 2 for bad input, with one line that says what to do, and no output file; 64 for wrong usage.";
 
-enum { GRID = 256, BOX };
+enum { GRID = 256, BOX, METHOD };
 
 static const struct argp_option OPTIONS[] = {
     {"grid", GRID, "MxN", 0, "coefficients along U and V, 4x4 to 1024x1024", 0},
     {"box", BOX, "U0,U1,V0,V1", 0, "cover this part of the frame only, in input units along the surrogate's axes", 0},
+    {"method", METHOD, "fast|tight", 0, "how to fit where the grid is not a finer one: see `canopy fit --help`", 0},
     {"output", 'o', "OUT.json", 0, "write the surrogate here; without it only the line is printed", 0},
     {0}};
 
 struct arguments {
     const char *path, *grid, *output;
+    bool tight;
     struct canopy_queried_options box;
 };
 
@@ -44,6 +48,7 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     switch (key) {
     case GRID: a->grid = text; return 0;
     case BOX: a->box.window = text; return 0;
+    case METHOD: a->tight = canopy_wish_word(state, "method", text, "fast", "tight") == 1; return 0;
     case 'o': a->output = text; return 0;
     case ARGP_KEY_ARG:
         if (a->path) {
@@ -214,9 +219,28 @@ struct arenas {
     void *at[3];
 };
 
+/// Tightens what stands certified over the field, and stays so. False: no memory.
+static bool tighten(const struct canopy_field *field, struct canopy_certify *certify, int32_t *coefficients) {
+    const struct canopy_frame *frame = &field->frame;
+    const uint16_t m = frame->size[0], n = frame->size[1], cells = frame->cells;
+    const struct canopy_tighten_size size = {.cells = {cells, cells}, .rows = (uint32_t)CANOPY_TIGHTEN_ROWS(m, n)};
+    const size_t bytes = CANOPY_TIGHTEN_ARENA(m, n, cells, cells, 0, size.rows);
+    void *arena = malloc(bytes);
+    struct canopy_tighten tighten;
+    enum canopy_status status = CANOPY_ARENA_SHORT;
+    if (arena) {
+        status = canopy_tighten_init(&tighten, frame, &size, arena, bytes);
+    }
+    status = status == CANOPY_OK ? canopy_tighten_field(&tighten, field, certify) : status;
+    status = status == CANOPY_OK ? canopy_tighten_begin(&tighten, coefficients, false) : status;
+    while (status == CANOPY_OK && canopy_tighten_step(&tighten, UINT32_MAX) == CANOPY_MORE) {}
+    free(arena);
+    return status == CANOPY_OK;
+}
+
 /// Fits above a field that is filled, as a device does: lines and columns, the certificate, raised where it must be.
 static bool fit_field(const struct canopy_field *field, struct canopy_fast *fast, struct canopy_certify *certify,
-                      struct canopy_envelope *now) {
+                      bool tight, struct canopy_envelope *now) {
     enum canopy_status status = canopy_fast_begin(fast, now->coefficients);
     while (status == CANOPY_OK && (status = canopy_fast_step(fast, UINT32_MAX)) == CANOPY_MORE) {
         status = CANOPY_OK;
@@ -230,9 +254,10 @@ static bool fit_field(const struct canopy_field *field, struct canopy_fast *fast
             return false;
         }
     }
+    const bool ok = status == CANOPY_OK && (!tight || tighten(field, certify, now->coefficients));
     canopy_fast_orient(&now->frame, now->coefficients);
     canopy_field_coverage(field, now->coverage);
-    return status == CANOPY_OK;
+    return ok;
 }
 
 static enum canopy_status fill(const struct canopy_envelope *old, const struct canopy_query_rect *box,
@@ -260,10 +285,10 @@ static bool fit_with(struct job *job, const struct canopy_envelope *old, const s
         return canopy_fault_set(job->fault, "%s: nothing of the box is covered by data: give another --box",
                                 job->old->path);
     }
-    return (status == CANOPY_OK && fit_field(&field, &fast, &certify, &job->now)) ||
+    return (status == CANOPY_OK && fit_field(&field, &fast, &certify, job->arguments->tight, &job->now)) ||
            canopy_fault_set(job->fault,
                             "%s: the surface leaves the range of heights that can be fitted: choose "
-                            "another --grid",
+                            "another --grid, or --method fast",
                             job->old->path);
 }
 
