@@ -50,7 +50,8 @@ def difference_is_nowhere_negative(files, per_cell=3):
 
 
 OPTIONS = [(), ("--scalar", "fx"), ("--field", "4"), ("--field", "5", "--scalar", "fx"), ("--method", "tight"),
-           ("--method", "tight", "--scalar", "fx"), ("--dir", "1,2,3"), ("--dir", "0.3,-0.2,-1", "--method", "tight"),
+           ("--method", "tight", "--scalar", "fx"), ("--method", "tight", "--field", "4"),
+           ("--dir", "1,2,3"), ("--dir", "0.3,-0.2,-1", "--method", "tight"),
            ("--dir", "0.3,-0.2,-1", "--scalar", "fx", "--field", "3"), ("--unit", "0.25")]
 
 
@@ -88,6 +89,15 @@ def test_hard_scenes(tmp_path, name, points, scalar, method):
     files, _ = sandwich(tmp_path, file, "--scalar", scalar, "--method", method, grid="6x5")
     for surrogate in files:
         assert canopy("check", surrogate, file).returncode == 0
+    difference_is_nowhere_negative(files)
+
+
+@pytest.mark.parametrize("grid", ["4x40", "40x4"])
+@pytest.mark.parametrize("options", [(), ("--method", "tight"), ("--method", "tight", "--field", "3")], ids=" ".join)
+def test_long_grids(tmp_path, scene, grid, options):  # noqa: F811
+    files, _ = sandwich(tmp_path, scene, *options, grid=grid)
+    for surrogate in files:
+        assert canopy("check", surrogate, scene).returncode == 0
     difference_is_nowhere_negative(files)
 
 
@@ -207,7 +217,7 @@ def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, scene):  # noqa:
 @pytest.mark.parametrize("arguments", [
     ("POINTS",), ("--grid", "8x8"), ("POINTS", "--grid", "8x8", "--side", "above"),
     ("POINTS", "POINTS", "--grid", "8x8"), ("POINTS", "--grid", "8x8", "--method", "loose"),
-    ("POINTS", "--grid", "8x8", "--method", "tight", "--field", "4"),
+    ("POINTS", "--grid", "8x8", "--frame", "x.json", "--dir", "1,1,1"),
     ("--check", "POINTS"), ("--check", "POINTS", "POINTS", "-o", "x"), ("--check", "POINTS", "POINTS", "--grid", "8x8"),
 ])
 def test_wrong_usage(tmp_path, scene, arguments):  # noqa: F811

@@ -13,8 +13,8 @@
 ///
 /// *Tight*: one side is tightened (tighten.h) with the other, which does not move, as a surface to keep above:
 /// canopy_sandwich_over. From a fast sandwich the lower side first, then the upper one: at every moment what the two
-/// publish is a sandwich. Measured against the optimum of both together (linear programs, three scans, two grids), one
-/// after the other costs at most 0.8 % of the gap, both together at most 0.45 %.
+/// publish is a sandwich. Measured with linear programs on three scenes and two grids, one side after the other costs
+/// at most 0.7 % of the gap, the optimum of both together at most 0.45 % (docs/sandwich.md).
 ///
 /// Coefficients are whole steps in the library's orientation: the lower surface is mirrored, and canopy_fast_orient
 /// turns it into an envelope's. So "the upper is not below the lower" reads upper + lower >= 0.
