@@ -55,6 +55,10 @@ void canopy_refit_rose(struct canopy_refit *refit, uint32_t cell) {
     const struct canopy_field *field = refit->fast.field;
     const uint32_t row = cell / field->axis[1].count, h = row / field->axis[0].cells;
     const uint32_t line = row / ((uint32_t)field->axis[0].cells / refit->fast.lines);  // and the next see the cell
+    if (field->heights == NULL) {  // packed: all cells of the knot cell may have risen, to what its new code can tell
+        canopy_refit_changed(refit, h, 1);
+        return;
+    }
     const int32_t height = field->heights[cell];
     refit->low[h] = height < refit->low[h] ? height : refit->low[h];
     refit->high[h] = height > refit->high[h] ? height : refit->high[h];
@@ -65,13 +69,13 @@ void canopy_refit_rose(struct canopy_refit *refit, uint32_t cell) {
 
 static void scan(struct canopy_refit *refit, uint32_t h) {
     const struct canopy_field *field = refit->fast.field;
-    const size_t cells = (size_t)field->axis[0].cells * field->axis[1].count;
-    const int32_t *height = field->heights + h * cells;
+    const uint32_t cells = field->axis[0].cells * field->axis[1].count;
     int32_t low = INT32_MAX, high = INT32_MIN;
-    for (size_t c = 0; c < cells; c++) {
-        if (height[c] != CANOPY_NO_HEIGHT) {
-            low = height[c] < low ? height[c] : low;
-            high = height[c] > high ? height[c] : high;
+    for (uint32_t c = h * cells; c < (h + 1) * cells; c++) {
+        const int32_t height = canopy_field_height(field, c);
+        if (height != CANOPY_NO_HEIGHT) {
+            low = height < low ? height : low;
+            high = height > high ? height : high;
         }
     }
     refit->low[h] = low;

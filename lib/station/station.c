@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "lib/num/bits.h"
+#include "lib/station/show.h"
 
 static uint32_t cell_count(const struct canopy_station *station) {
     return station->field.axis[0].count * station->field.axis[1].count;
@@ -14,11 +15,6 @@ static void clear_bits(const struct canopy_station *station, uint8_t *bits) {
 
 // ---- What the registers ask
 
-static uint32_t ms_of(uint64_t us) {
-    const uint64_t ms = us / 1000;
-    return ms < UINT32_MAX ? (uint32_t)ms : UINT32_MAX;
-}
-
 static bool is_stale(const struct canopy_station *station) {
     return !station->have_reading || station->now_us - station->reading_us > station->config.stale_after_us;
 }
@@ -27,7 +23,7 @@ static void show_live(void *context, struct canopy_plc_live *to) {
     const struct canopy_station *station = context;
     const bool published = canopy_plc_published(&station->plc) != NULL, stale = is_stale(station);
     to->heartbeat = station->heartbeat;
-    to->age_ms = station->have_reading ? ms_of(station->now_us - station->reading_us) : UINT32_MAX;
+    to->age_ms = station->have_reading ? canopy_show_ms(station->now_us - station->reading_us) : UINT32_MAX;
     to->stale_after_ms = station->config.stale_after_us / 1000;
     to->sensor_faults = station->sensor_faults;
     to->coverage_pct = station->coverage_pct;
@@ -37,40 +33,19 @@ static void show_live(void *context, struct canopy_plc_live *to) {
 
 static void show_counters(void *context, struct canopy_plc_counters *to) {
     const struct canopy_station *station = context;
-    to->rx_frames = station->port.rx_frames;
-    to->rx_errors = station->port.rx_errors;
-    to->lost_bytes = station->port.lost_bytes;
-    to->cycle_us = station->port.cycle_us;
-    to->cycle_max_us = station->port.cycle_max_us;
+    canopy_show_port(&station->port, station->scan, to);
     to->uptime_s = (uint32_t)((station->now_us - station->start_us) / 1000000);
     to->points_accepted = station->accepted;
     to->points_rejected = station->rejected;
     to->intrusions = station->intrusions;
     to->fits_failed = station->fits_failed;
     to->scan_errors = station->scan_errors;
-    if (station->scan != NULL) {
-        to->readings_invalid = station->scan->invalid;
-        to->profiles = station->scan->profiles;
-        to->profiles_missed = station->scan->missed;
-        to->profiles_torn = station->scan->torn;
-        to->profiles_short = station->scan->short_of;
-        to->profiles_stale = station->scan->stale;
-        to->profiles_refused = station->scan->refused;
-    }
 }
 
 static enum canopy_plc_query_status ask_height(void *context, const struct canopy_envelope *envelope, int32_t x,
                                                int32_t y, int32_t *height) {
     const struct canopy_station *station = context;
-    int32_t low, high;
-    if (x < 0 || y < 0 || canopy_envelope_height(envelope, (uint32_t)x, (uint32_t)y, &low, &high) != CANOPY_OK) {
-        return CANOPY_PLC_QUERY_OUTSIDE;
-    }
-    if (!canopy_envelope_covers(envelope, (uint32_t)x, (uint32_t)y)) {
-        return CANOPY_PLC_QUERY_UNCOVERED;
-    }
-    *height = envelope->frame.side == CANOPY_ABOVE ? high : low;
-    return station->intrusion ? CANOPY_PLC_QUERY_INTRUSION : CANOPY_PLC_QUERY_GOOD;
+    return canopy_show_height(envelope, x, y, station->intrusion, height);
 }
 
 // ---- Scenes

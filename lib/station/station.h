@@ -40,6 +40,7 @@
 #include "lib/cover/turn.h"
 #include "lib/plc/plc.h"
 #include "lib/scan/profile.h"
+#include "lib/station/show.h"
 #include "lib/status.h"
 
 struct canopy_station_config {
@@ -51,12 +52,6 @@ struct canopy_station_config {
     uint32_t stale_after_us;  ///< readings older than this make the envelope stale
     uint32_t interval_us;     ///< from the beginning of one fit to the next, unless an intrusion is in haste
     uint32_t refresh_us;      ///< until an unchanged envelope is published again with more points
-};
-
-/// What the port adds to the counters; the station only shows it.
-struct canopy_station_port {
-    uint32_t rx_frames, rx_errors, lost_bytes;  ///< of all PLC ports
-    uint32_t cycle_us, cycle_max_us;            ///< of the main loop
 };
 
 enum canopy_station_stage {
