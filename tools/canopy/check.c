@@ -15,6 +15,7 @@ static const char DOC[] =
     "decided in whole numbers of any length.\n\n" CANOPY_OPERANDS_POINTS
     "Prints one line: points, how many are on the wrong side and how many outside the frame, the worst margin and the "
     "mean and largest gap in per cent of the points' height range.\n\n"
+    "Whether two surrogates cross, `canopy sandwich --check` decides.\n\n"
     "Exit status: 0 if every point is on the safe side, 1 if not (a point outside the frame is not), 2 for bad input.";
 
 struct work {
