@@ -88,6 +88,18 @@ struct canopy_ray_line {
     uint8_t rounded;  ///< the true line's ends are within so many units of these, along each axis; 0: they are exact
 };
 
+#define CANOPY_RAY_ROOM 39           ///< keep starts and widths below 2^39 units,
+#define CANOPY_RAY_FAST 41           ///< and let the fastest coordinate of a ray run 2^40 to 2^41: out of any frame
+#define CANOPY_RAY_NEVER 100000      ///< the log2 of t at which a coordinate that stands still has run so far
+#define CANOPY_RAY_HEIGHT_LEAST -10  ///< of height_log2
+#define CANOPY_RAY_HEIGHT_MOST 18
+
+/// How far a ray's line must go on: `log2` of its last t. `line` has from, width and height_log2; runs[a] is the log2 of
+/// the t at which axis a has run 2^CANOPY_RAY_FAST. A ray that starts beside the frame must go on until it has left the
+/// frame's columns however high it is by then: `coarser` says by how many bits the unit of heights must grow for that.
+/// False: by too many; the ray's place in the frame cannot be known.
+bool canopy_ray_reach(const struct canopy_ray_line *line, const int runs[3], int *log2, int *coarser);
+
 /// Lines from a point in a direction. Coordinates are along the frame's axes from its origin: axes (p - origin).
 /// _fx: whole quanta; |from| <= CANOPY_RAY_FX_MAX, else CANOPY_RAY_TOO_FAR.
 /// _f32: device units; rounded to 2^-39 of the frame or of the distance, whichever is larger. Beyond 2^39 quanta

@@ -4,7 +4,6 @@
 #include <stddef.h>
 
 #include "lib/cover/ray.h"
-#include "lib/cover/ray_parts.h"
 #include "lib/num/fixed.h"
 
 #define ROOM CANOPY_RAY_ROOM

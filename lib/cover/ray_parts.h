@@ -7,12 +7,6 @@
 #define CANOPY_RAY_PLACE_BITS 44   // positions within the frame: knot intervals in Q44
 #define CANOPY_RAY_HEIGHT_BITS 20  // heights: steps in Q20
 
-#define CANOPY_RAY_ROOM 39           // coordinates of a line's start, and frames, are below 2^39 units
-#define CANOPY_RAY_FAST 41           // and the fastest one runs 2^40 to 2^41 units: out of any frame
-#define CANOPY_RAY_NEVER 100000      // the log2 of t at which a coordinate that stands still has run so far
-#define CANOPY_RAY_HEIGHT_LEAST -10  // of height_log2
-#define CANOPY_RAY_HEIGHT_MOST 18
-
 struct canopy_ray_piece {
     uint32_t cell[2];
     int32_t from[2], to[2];         // local parts of the ends, Q30
@@ -20,10 +14,6 @@ struct canopy_ray_piece {
     uint64_t kappa_q40, fixed_q20;  // error bound: M kappa + fixed
     int64_t most_q20;               // the same for the largest M there can be
 };
-
-/// How far a line goes on: log2 of its last t. runs[a]: log2 of the t at which axis a has run CANOPY_RAY_FAST.
-/// `coarser`: by how many bits the unit of heights must grow before, so that the height still fits. False: too many.
-bool canopy_ray_reach(const struct canopy_ray_line *line, const int runs[3], int *log2, int *coarser);
 
 enum canopy_ray_meeting { CANOPY_RAY_NOT_MET, CANOPY_RAY_MET, CANOPY_RAY_BAD_CELL };
 
