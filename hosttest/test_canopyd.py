@@ -605,6 +605,46 @@ def test_keeps_to_the_frame_of_a_file(start, scene, tmp_path):
     check_surrogate(write_surrogate(values, tmp_path / "read.json"), scene_part)
 
 
+TURNED = [("--dir", "1,2,3"), ("--dir=-1,0,0",), ("--dir", "0.5,0,-1", "--side", "below"), ("--dir", "1,1,0"),
+          ("--dir", "1e-9,0,1"), ("--plane", "0,0,0,10,1,2,0,10,4"), ("--plane", "9,9,9,9,9,10,9,10,9", "--side", "below")]
+
+
+@pytest.mark.parametrize("options", TURNED, ids=" ".join)
+def test_looks_in_any_direction(start, scene, tmp_path, options):
+    """Every reading stands in the frame that the registers tell, on the safe side of the surface along its axes."""
+    _, port = canopyd(start, f"sim:{scene}", "--grid", "8x9", "--unit", "0.002", *options)
+    plc = registers(port)
+    wait(plc, "points", lambda points: points == points_in(scene))
+    assert plc["points_rejected"] == 0 and plc["status"] & VALID
+    values = plc.envelope()
+    axes = [[values[f"axis_{i}{k}"] / 2 ** 30 for k in range(3)] for i in range(3)]
+    for i, k in itertools.product(range(3), range(3)):
+        assert abs(sum(a * b for a, b in zip(axes[i], axes[k])) - (i == k)) < 1e-8
+    what, numbers = "=".join(options[:2]).split("=")[:2]
+    numbers = [float(number) for number in numbers.split(",")]
+    if what == "--plane":
+        p, q, r = numbers[:3], numbers[3:6], numbers[6:]
+        a, b = [y - x for x, y in zip(p, q)], [y - x for x, y in zip(p, r)]
+        numbers = [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
+    length = math.hypot(*numbers)
+    assert all(abs(x - y / length) < 1e-8 for x, y in zip(axes[2], numbers))
+    check_surrogate(write_surrogate(values, tmp_path / "read.json"), scene)
+
+
+def test_keeps_to_a_turned_frame(start, scene, tmp_path):
+    surrogate = tmp_path / "frame.json"
+    subprocess.run([HOST / "canopy", "fit", scene, "--grid", "9x7", "--scalar", "fx", "--dir", "1,-1,2", "-o", surrogate],
+                   check=True, capture_output=True, timeout=60)
+    wanted = json.loads(surrogate.read_text())
+    _, port = canopyd(start, f"sim:{scene}", "--frame", surrogate)
+    plc = registers(port)
+    wait(plc, "points", lambda points: points == points_in(scene))
+    values = plc.envelope()
+    assert [values[f"origin_{a}"] for a in "xyz"] == wanted["frame"]["origin"]
+    assert [[values[f"axis_{i}{k}"] / 2 ** 30 for k in range(3)] for i in range(3)] == wanted["frame"]["axes"]
+    check_surrogate(write_surrogate(values, tmp_path / "read.json"), scene)
+
+
 def test_points_beside_a_frame_are_counted(start, scene, tmp_path):
     surrogate, part = tmp_path / "frame.json", tmp_path / "part.xyz"
     part.write_text("\n".join(line for line in scene.read_text().splitlines() if float(line.split()[0]) < 20) + "\n")
@@ -665,6 +705,9 @@ INPUT = [
     ({"grid": "100x100", "field": "32"}, "--field 32"), ({"unit": "0"}, "0"), ({"unit": "-1"}, "-1"),
     ({"unit": "nan"}, "nan"), ({"unit": "1e99"}, "1e99"), ({"unit": "1e-12"}, "SCENE"), ({"field": "0"}, "0"),
     ({"field": "33"}, "33"), ({"lines": "3"}, "lines 3"), ({"stale-after": "soon"}, "soon"), ({"frame": "SCENE"}, "SCENE"),
+    ({"dir": "0,0,0"}, "--dir: '0,0,0'"), ({"dir": "1,2"}, "--dir"), ({"plane": "0,0,0,1,1,1,3,3,3"}, "on a line"),
+    ({"plane": "0,0,0,1,1,1"}, "--plane"), ({"plane": "0,0,0,1,0,0,0,1,0", "dir": "0,0,1"}, "give one of them"),
+    ({"frame": "SCENE", "dir": "0,0,1"}, "give one of them"),
     ({"frame": "/nowhere.json"}, "/nowhere.json"), ({"modbus": "tcp:192.0.2.1:502"}, "192.0.2.1"),
     ({"modbus": "tcp:no.such.host.invalid:502"}, "no.such.host.invalid"), ({"modbus": "rtu:/dev/null,9600,8E1,1"}, "/dev/null"),
     ({"modbus": "rtu:/nowhere/line,9600,8E1,1"}, "/nowhere/line"),

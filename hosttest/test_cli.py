@@ -88,7 +88,7 @@ def left_behind(tmp_path, *expected):
 OPTIONS = [(), ("--side", "below"), ("--scalar", "fx"), ("--scalar", "fx", "--side", "below"), ("--field", "4"),
            ("--field", "4", "--scalar", "fx"), ("--field", "7", "--side", "below"), ("--dir", "1,2,3"),
            ("--dir=-1,0,0", "--scalar", "fx"), ("--dir", "0.3,-0.2,-1", "--scalar", "fx", "--side", "below"),
-           ("--dir", "0,1,0"), ("--unit", "0.25"), ("--scalar", "fx", "--unit", "0.01")]
+           ("--dir", "0,1,0"), ("--plane", "1,2,3,4,4,4,0,1,9", "--scalar", "fx"), ("--unit", "0.25"), ("--scalar", "fx", "--unit", "0.01")]
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
@@ -229,6 +229,19 @@ def test_axes_of_a_direction(tmp_path, scene):
         for row, expected in zip(axes, (x, y, d)):
             assert row == pytest.approx(expected, abs=2 ** -30)
             assert all(float(c * 2 ** 30).is_integer() for c in row)
+
+
+def test_axes_of_a_plane(tmp_path, scene):
+    """The first axis from the first point to the second, the height axis towards who sees the three anticlockwise."""
+    for text, first, normal in (("0,0,0,2,0,0,5,3,0", (1, 0, 0), (0, 0, 1)), ("0,0,0,5,3,0,2,0,0", (5, 3, 0), (0, 0, -1)),
+                                ("1,1,1,1,1,3,1,2,1", (0, 0, 1), (-1, 0, 0)), ("0.1,0,0,0,0.1,0,0,0,0.1", (-1, 1, 0), (1, 1, 1))):
+        out, _ = fit(tmp_path, scene, "--plane", text, "--scalar", "fx")
+        axes = json.loads(out.read_text())["frame"]["axes"]
+        for row, expected in ((axes[0], first), (axes[2], normal)):
+            assert row == pytest.approx([c / math.hypot(*expected) for c in expected], abs=2 ** -30)
+        cross = [axes[2][k - 2] * axes[0][k - 1] - axes[2][k - 1] * axes[0][k - 2] for k in range(3)]
+        assert axes[1] == pytest.approx(cross, abs=2 ** -29)
+        assert canopy("check", out, scene).returncode == 0
 
 
 def test_default_unit_of_fx(tmp_path):
@@ -600,6 +613,8 @@ def test_bad_files(tmp_path, scene):
     (("--unit", "-1"), ("--unit",)), (("--unit", "nan"), ("--unit",)), (("--unit", "1e400"), ("--unit",)),
     (("--unit", "one"), ("--unit",)), (("--field", "0"), ("--field",)), (("--field", "33"), ("--field 33", "32")),
     (("--dir", "0,0,0"), ("--dir",)), (("--dir", "1,2"), ("--dir",)), (("--dir", "1,nan,0"), ("--dir",)),
+    (("--plane", "0,0,0,1,1,1"), ("--plane",)), (("--plane", "0.1,0.2,0.3,0.2,0.4,0.6,0.3,0.6,0.9"), ("--plane", "on a line")),
+    (("--plane", "1,1,1,1,1,1,2,3,4"), ("--plane",)),
     (("--scalar", "fx", "--unit", "1e-12"), ("scene.xyz:1:", "overflows 32-bit fixed point", "larger --unit")),
     (("--scalar", "f32", "--unit", "1e-300"), ("scene.xyz:1:", "overflows 32-bit float")),
     (("--frame", "/nowhere/frame.json"), ("/nowhere/frame.json",)),

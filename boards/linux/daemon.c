@@ -92,13 +92,14 @@ static bool open_station(struct canopyd *daemon, const struct canopyd_options *o
     for (unsigned i = 0; i < options->modbus_count; i++) {
         clients += places(&options->modbus[i]);
     }
-    const struct canopy_station_config config = {.grid = *grid,
-                                                 .lines = options->lines,
-                                                 .clients = (uint8_t)clients,
-                                                 .unit = daemon->told_unit > 0 ? (float)daemon->told_unit : 1.0F,
-                                                 .stale_after_us = options->stale_after_ms * 1000U,
-                                                 .interval_us = options->interval_ms * 1000U,
-                                                 .refresh_us = options->refresh_ms * 1000U};
+    struct canopy_station_config config = {.grid = *grid,
+                                           .lines = options->lines,
+                                           .clients = (uint8_t)clients,
+                                           .unit = daemon->told_unit > 0 ? (float)daemon->told_unit : 1.0F,
+                                           .stale_after_us = options->stale_after_ms * 1000U,
+                                           .interval_us = options->interval_ms * 1000U,
+                                           .refresh_us = options->refresh_ms * 1000U};
+    memcpy(config.axes, options->axes, sizeof config.axes);
     const uint16_t m = grid->size[0], n = grid->size[1], q = grid->cells;
     const size_t bytes = CANOPY_STATION_ARENA(m, n, q, options->lines, clients);
     daemon->arena = aligned_alloc(64, (bytes + 63) / 64 * 64);

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "lib/cover/axes.h"
 #include "lib/plc/plc.h"
 #include "tools/common/surrogate.h"
 
@@ -11,17 +12,19 @@ static bool whole(double value, double low, double high, double *to) {
     return value >= low && value <= high && rint(value) == value;
 }
 
-static bool take_axes(const struct canopy_surrogate *surrogate, struct canopy_frame *frame) {
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
-            const double expected = i == j ? 1 : 0;
-            if (surrogate->axes[i][j] < expected || surrogate->axes[i][j] > expected) {
-                return false;
-            }
-            frame->axis[i][j] = i == j ? CANOPY_AXIS_ONE : 0;
+// Whole multiples of 2^-30, as canopy fit writes them and registers carry them.
+static bool take_axes(const struct canopy_surrogate *surrogate, struct canopy_frame *frame,
+                      struct canopy_fault *fault) {
+    for (int i = 0; i < 9; i++) {
+        double value;
+        if (!whole(surrogate->axes[i / 3][i % 3] * CANOPY_AXIS_ONE, INT32_MIN, INT32_MAX, &value)) {
+            return canopy_fault_set(fault, "axes[%d][%d] is no multiple of 2^-30: give a frame made by canopy fit",
+                                    i / 3, i % 3);
         }
+        frame->axis[i / 3][i % 3] = (int32_t)value;
     }
-    return true;
+    return canopy_axes_are_sound((const int32_t(*)[3])frame->axis) ||
+           canopy_fault_set(fault, "its axes are no rotation within 2^-20: give a frame made by canopy fit");
 }
 
 static bool take_box(const struct canopy_surrogate *surrogate, struct canopy_frame *frame, struct canopy_fault *fault) {
@@ -77,11 +80,8 @@ static bool take(const struct canopy_surrogate *surrogate, const uint16_t asked[
     if (surrogate->scalar != CANOPY_FX) {
         return canopy_fault_set(fault, "its scalar is f32: give one made with canopy fit --scalar fx");
     }
-    if (!take_axes(surrogate, frame)) {
-        return canopy_fault_set(fault, "its axes are not x, y and z: give a frame made without --dir");
-    }
-    return take_size(surrogate, asked, frame, fault) && take_box(surrogate, frame, fault) &&
-           take_step(surrogate, frame, fault);
+    return take_axes(surrogate, frame, fault) && take_size(surrogate, asked, frame, fault) &&
+           take_box(surrogate, frame, fault) && take_step(surrogate, frame, fault);
 }
 
 bool canopyd_frame_read(const char *path, const uint16_t asked[2], struct canopy_grid *grid, struct canopy_frame *frame,

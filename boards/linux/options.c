@@ -11,6 +11,7 @@
 #include "lib/version.h"
 #include "tools/common/number.h"
 #include "tools/common/option.h"
+#include "tools/common/turn.h"
 
 static const char DOC[] =
     "Covers what a scanner sees by a surface proved to lie on one side of it, and serves that to PLCs by Modbus."
@@ -28,6 +29,9 @@ static const struct argp_option OPTIONS[] = {
     {"side", 'd', "above|below", 0, "which side of the readings the surface is on (above)", 2},
     {"unit", 'u', "U", 0, "input units a device unit (as canopy fit; a scanner that tells its own must agree)", 2},
     {"frame", 'f', "FILE", 0, "keep to the frame of this surrogate file", 2},
+    {"dir", 'x', "X,Y,Z", 0, "measure heights along this direction, from the scene to the viewer (0,0,1)", 2},
+    {"plane", 'p', "X,Y,Z,X,Y,Z,X,Y,Z", 0,
+     "or at right angles to the plane of three points, towards who sees them anticlockwise", 2},
     {"field", 'q', "Q", 0, "field cells a knot interval, 1 to 32 (4)", 2},
     {"lines", 'l', "L", 0, "lines a knot interval; divides Q; more is tighter and slower (1)", 2},
     {"stale-after", 'a', "MS", 0, "without a reading for so long the envelope is stale (5000)", 3},
@@ -89,6 +93,20 @@ static bool read_frame(const char *value, struct canopyd_options *options, struc
     return options->frame != NULL || canopy_fault_set(fault, "no memory");
 }
 
+static bool read_dir(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
+    double direction[3];
+    options->dir_given = true;
+    return (canopy_option_numbers(value, 3, direction) && canopy_turn_axes(direction, options->axes)) ||
+           canopy_fault_set(fault, "'%s': give three numbers X,Y,Z that are not all zero", value);
+}
+
+static bool read_plane(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
+    double points[9];
+    options->plane_given = true;
+    return (canopy_option_numbers(value, 9, points) && canopy_turn_axes_plane(points, options->axes)) ||
+           canopy_fault_set(fault, "'%s': give three points X,Y,Z,X,Y,Z,X,Y,Z that are not on a line", value);
+}
+
 static bool read_modbus(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
     if (options->modbus_count == CANOPYD_MODBUS_MAX) {
         return canopy_fault_set(fault, "%s: more than %d are not served: leave some out", value, CANOPYD_MODBUS_MAX);
@@ -104,6 +122,8 @@ static bool set_key(int key, const char *value, struct canopyd_options *options,
     case 'd': return read_side(value, options, fault);
     case 'u': return read_unit(value, options, fault);
     case 'f': return read_frame(value, options, fault);
+    case 'x': return read_dir(value, options, fault);
+    case 'p': return read_plane(value, options, fault);
     case 'q': return read_small(value, &options->field, fault);
     case 'l': return read_small(value, &options->lines, fault);
     case 'a': return read_whole(value, 10, 4000000, &options->stale_after_ms, fault);
@@ -243,6 +263,9 @@ static bool agree(const struct canopyd_options *options, struct canopy_fault *fa
     if (options->field % options->lines != 0) {
         return canopy_fault_set(fault, "lines %u does not divide field %u: choose one that does", options->lines,
                                 options->field);
+    }
+    if (options->dir_given + options->plane_given + (options->frame != NULL) > 1) {
+        return canopy_fault_set(fault, "dir, plane and frame each say where heights are measured: give one of them");
     }
     return true;
 }

@@ -18,9 +18,11 @@ struct canopyd_options {
     unsigned modbus_count;
     uint16_t size[2];
     bool size_given;
-    uint8_t side;  ///< enum canopy_side
-    double unit;   ///< 0: not given
-    char *frame;   ///< a surrogate file, or NULL
+    uint8_t side;        ///< enum canopy_side
+    double unit;         ///< 0: not given
+    char *frame;         ///< a surrogate file, or NULL
+    int32_t axes[3][3];  ///< of frames around the scanner's scene; all 0: x, y and z
+    bool dir_given, plane_given;
     uint16_t field;
     uint16_t lines;
     uint32_t stale_after_ms, interval_ms, refresh_ms;

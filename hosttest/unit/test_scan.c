@@ -231,6 +231,7 @@ UNIT(a_profile_is_read_in_four_blocks) {
     }
     CHECK_EQ(scene->profiles, 40);
     CHECK_EQ(scene->columns, COLUMNS);
+    CHECK_EQ(scene->uncertainty, 2);
     const uint32_t tenth = 0x3DCCCCCD;
     CHECK_BYTES(&scene->unit, &tenth, sizeof tenth);
     fake_profile(5);

@@ -97,7 +97,8 @@ static bool float_positive(uint32_t bits) { return bits > 0 && bits < 0x7F800000
 
 static bool scene_equal(const struct canopy_profile_scene *a, const struct canopy_profile_scene *b) {
     return memcmp(a->low, b->low, sizeof a->low) == 0 && memcmp(a->high, b->high, sizeof a->high) == 0 &&
-           memcmp(&a->unit, &b->unit, sizeof a->unit) == 0 && a->profiles == b->profiles && a->columns == b->columns;
+           memcmp(&a->unit, &b->unit, sizeof a->unit) == 0 && a->profiles == b->profiles && a->columns == b->columns &&
+           a->uncertainty == b->uncertainty;
 }
 
 // Loads what stands in `where` and tells how the heights lie. False if a number is unusable.
@@ -129,6 +130,7 @@ static bool load_scene(const struct canopy_profile_driver *driver, const uint16_
     const struct canopy_profile_table *table = driver->table;
     memset(to, 0, sizeof *to);
     to->columns = driver->profile.columns;
+    to->uncertainty = driver->uncertainty + (table->z_divisor > 1);
     for (uint8_t where = CANOPY_SCAN_CONSTANT; where <= CANOPY_SCAN_DESCRIPTION; where++)
         for (int i = 0; i < 3; i++)
             if (!canopy_scan_load(table, &table->low[i], where, registers, &to->low[i]) ||

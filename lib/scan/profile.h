@@ -104,6 +104,7 @@ struct canopy_profile {
 struct canopy_profile_scene {
     int32_t low[3], high[3];  ///< box that holds every reading, device units
     uint32_t profiles;        ///< of a sweep; 0: unknown
+    uint32_t uncertainty;     ///< of any reading, as far as table and description say
     uint16_t columns;         ///< of a profile; 0: unknown before the first header
     float unit;               ///< one device unit, > 0; 1 if the device does not say
 };

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "lib/num/bits.h"
+#include "lib/num/fixed.h"
 #include "lib/station/show.h"
 
 static uint32_t cell_count(const struct canopy_station *station) {
@@ -206,13 +207,26 @@ enum canopy_status canopy_station_begin_box(struct canopy_station *station, cons
     return canopy_station_begin(station, &frame);
 }
 
+// The scene's box; in turned axes what a reading's z is uncertain by is sideways, too, so the box holds that as well.
+static void box_of(const struct canopy_station *station, const struct canopy_profile_scene *scene, int32_t low[3],
+                   int32_t high[3]) {
+    const int64_t more = canopy_axes_are_straight((const int32_t(*)[3])station->config.axes) ? 0 : scene->uncertainty;
+    bool saturated = false;  // then the rest of the box has no room either, which the frame says
+    memcpy(low, scene->low, sizeof scene->low);
+    memcpy(high, scene->high, sizeof scene->high);
+    low[2] = canopy_narrow(low[2] - more, &saturated);
+    high[2] = canopy_narrow(high[2] + more, &saturated);
+}
+
 enum canopy_status canopy_station_begin_scene(struct canopy_station *station,
                                               const struct canopy_profile_scene *scene) {
+    int32_t low[3], high[3];
+    box_of(station, scene, low, high);
     if (memcmp(&station->config.unit, &scene->unit, sizeof scene->unit) == 0) {
-        return canopy_station_begin_box(station, scene->low, scene->high);
+        return canopy_station_begin_box(station, low, high);
     }
     struct canopy_frame frame;
-    enum canopy_status status = frame_around(station, scene->low, scene->high, &frame);
+    enum canopy_status status = frame_around(station, low, high, &frame);
     if (status == CANOPY_OK) {
         status = canopy_plc_set_unit(&station->plc, scene->unit);
     }

@@ -118,7 +118,8 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
 enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
                                             const int32_t high[3]);
 
-/// The same in the scanner's own unit, which becomes the station's. CANOPY_ARGUMENT also for a unit that is none.
+/// The same in the scanner's own unit, which becomes the station's, and with room for its uncertainty in turned axes.
+/// CANOPY_ARGUMENT also for a unit that is none.
 enum canopy_status canopy_station_begin_scene(struct canopy_station *station, const struct canopy_profile_scene *scene);
 
 /// Takes one valid reading: device units; the true height is within z +- uncertainty. CANOPY_OK: accepted.

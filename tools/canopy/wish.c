@@ -12,7 +12,7 @@
 // ---------------------------------------------------------------------------------------------------------------------
 // The command line
 
-enum { METHOD = 0x200, SCALAR, UNIT, DIR, FIELD, FRAME };
+enum { METHOD = 0x200, SCALAR, UNIT, DIR, PLANE, FIELD, FRAME };
 
 static const struct argp_option OPTIONS[] = {
     {"grid", 'g', "MxN", 0, "coefficients along the frame's first and second axis, 4x4 to 1024x1024 (required)", 0},
@@ -26,6 +26,10 @@ static const struct argp_option OPTIONS[] = {
      "to 10^6 units",
      0},
     {"dir", DIR, "X,Y,Z", 0, "direction from the scene to the viewer (default 0,0,1); heights are measured along it",
+     0},
+    {"plane", PLANE, "X,Y,Z,X,Y,Z,X,Y,Z", 0,
+     "or three points of a plane, in input units: heights are measured at right angles to it and grow towards who sees "
+     "the three anticlockwise; the frame's first axis runs from the first to the second",
      0},
     {"field", FIELD, "Q", 0,
      "fit from the bounded streaming field with Q x Q cells a knot interval, 1 to 32, as the device does, instead of "
@@ -48,6 +52,7 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     case 'g': a->grid = text; return 0;
     case UNIT: a->unit = text; return 0;
     case DIR: a->dir = text; return 0;
+    case PLANE: a->plane = text; return 0;
     case FIELD: a->field = text; return 0;
     case FRAME: a->frame = text; return 0;
     case SCALAR: a->scalar = canopy_wish_word(state, "scalar", text, "f32", "fx"); return 0;
@@ -68,8 +73,11 @@ void canopy_wish_end(const struct canopy_wish *wish, struct argp_state *state) {
     if (!wish->points || !wish->grid) {
         argp_error(state, "give a point file and --grid MxN");
     }
-    if (wish->frame && wish->dir) {
-        argp_error(state, "--dir is part of --frame: give one of them");
+    if (wish->frame && (wish->dir || wish->plane)) {
+        argp_error(state, "--%s is part of --frame: give one of them", wish->dir ? "dir" : "plane");
+    }
+    if (wish->dir && wish->plane) {
+        argp_error(state, "--dir and --plane are two ways to say the same: give one of them");
     }
 }
 
@@ -104,16 +112,16 @@ static bool read_unit(const char *text, double *unit, struct canopy_fault *fault
 }
 
 static bool read_direction(const char *text, double direction[3], struct canopy_fault *fault) {
-    const char *p = text;
-    bool ok = true;
-    for (int k = 0; ok && k < 3; k++) {
-        const char *end = p;
-        ok = canopy_number_read(p, &end, &direction[k]) == CANOPY_NUMBER_OK && *end == (k < 2 ? ',' : '\0');
-        p = end + (k < 2);
-    }
     int32_t axes[3][3];
-    return (ok && canopy_turn_axes(direction, axes)) ||
+    return (canopy_option_numbers(text, 3, direction) && canopy_turn_axes(direction, axes)) ||
            canopy_fault_set(fault, "--dir %.40s: give three numbers X,Y,Z that are not all zero", text);
+}
+
+static bool read_plane(const char *text, struct canopy_surface_wish *wish, struct canopy_fault *fault) {
+    int32_t axes[3][3];
+    wish->has_plane = true;
+    return (canopy_option_numbers(text, 9, wish->plane) && canopy_turn_axes_plane(wish->plane, axes)) ||
+           canopy_fault_set(fault, "--plane %.80s: give three points X,Y,Z,X,Y,Z,X,Y,Z that are not on a line", text);
 }
 
 /// The frame's surrogate decides unit, axes and, if it is not told, the scalar.
@@ -143,7 +151,7 @@ bool canopy_wish_read(const struct canopy_wish *a, struct canopy_surrogate *fram
     return read_grid(a->grid, wish->size, fault) && (!a->field || read_field(a->field, &wish->fitting.field, fault)) &&
            (!a->unit || read_unit(a->unit, &wish->unit, fault)) &&
            (!a->dir || read_direction(a->dir, wish->direction, fault)) &&
-           (!a->frame || read_frame(a, frame, wish, fault));
+           (!a->plane || read_plane(a->plane, wish, fault)) && (!a->frame || read_frame(a, frame, wish, fault));
 }
 
 bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wish *wish, struct canopy_loaded *loaded,

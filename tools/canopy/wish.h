@@ -14,15 +14,16 @@ struct canopy_wish {
     const char *grid;
     const char *unit;
     const char *dir;
+    const char *plane;
     const char *field;
     const char *frame;
     int scalar;  ///< -1: not told
     bool tight;
 };
 
-/// --grid, --method, --scalar, --unit, --dir, --field and --frame, and the point file: a child of a command's own
-/// parser, which gives it a struct canopy_wish as child_inputs[0]. Whether points and grid are there, the command says,
-/// and tells canopy_wish_end.
+/// --grid, --method, --scalar, --unit, --dir, --plane, --field and --frame, and the point file: a child of a command's
+/// own parser, which gives it a struct canopy_wish as child_inputs[0]. Whether points and grid are there, the command
+/// says, and tells canopy_wish_end.
 extern const struct argp canopy_wish_argp;
 
 /// One of two words, or wrong usage: 0 or 1.

@@ -51,3 +51,14 @@ bool canopy_option_grid(const char *text, uint32_t size[2]) {
     size[0] = (uint32_t)m;
     return canopy_number_whole32(end + 1, 0, UINT32_MAX, &size[1]);
 }
+
+bool canopy_option_numbers(const char *text, int count, double *to) {
+    for (int k = 0; k < count; k++) {
+        const char *end = text;
+        if (canopy_number_read(text, &end, &to[k]) != CANOPY_NUMBER_OK || *end != (k + 1 < count ? ',' : '\0')) {
+            return false;
+        }
+        text = end + 1;
+    }
+    return true;
+}

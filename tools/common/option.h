@@ -24,4 +24,7 @@ bool canopy_option_whole16(const char *name, const char *text, uint16_t low, uin
 /// MxN: two whole numbers with an x between them, and nothing else. What is none, the caller says in its own words.
 bool canopy_option_grid(const char *text, uint32_t size[2]);
 
+/// X,Y,…: `count` finite numbers with commas between them, and nothing else; likewise.
+bool canopy_option_numbers(const char *text, int count, double *to);
+
 #endif

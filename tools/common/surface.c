@@ -33,7 +33,10 @@ static size_t coefficient_count(const struct job *job) { return (size_t)job->wis
 static bool turn(struct job *job) {
     const struct canopy_surface_wish *wish = job->wish;
     int32_t axes[3][3];
-    if (!canopy_turn_axes(wish->direction, axes)) {
+    if (wish->has_plane && !canopy_turn_axes_plane(wish->plane, axes)) {
+        return canopy_fault_set(job->fault, "--plane on a line: give three points that are not");
+    }
+    if (!wish->has_plane && !canopy_turn_axes(wish->direction, axes)) {
         return canopy_fault_set(job->fault, "--dir without length: give the direction from the scene to the viewer");
     }
     for (int i = 0; wish->frame && i < 9; i++) {

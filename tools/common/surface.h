@@ -21,6 +21,8 @@ struct canopy_surface_wish {
     enum canopy_scalar scalar;  ///< that of the points
     double unit;                ///< input units a device unit
     double direction[3];        ///< from the scene to the viewer, any length but 0
+    bool has_plane;             ///< then the axes are those of three points (canopy_turn_axes_plane) instead …
+    double plane[9];            ///< … namely of these
     struct canopy_fitting fitting;
     const struct canopy_surrogate *frame;  ///< whose frame to use, of the same size; NULL: the smallest
     struct canopy_refining refining;       ///< windows, of one side alone; none of both

@@ -24,6 +24,23 @@ static bool normalise(double v[3]) {
     return true;
 }
 
+static void cross(const double a[3], const double b[3], double to[3]) {
+    for (int k = 0; k < 3; k++) {
+        const int p = (k + 1) % 3;
+        const int q = (k + 2) % 3;
+        to[k] = a[p] * b[q] - a[q] * b[p];
+    }
+}
+
+static void round_axes(double a[3][3], int32_t axes[3][3]) {
+    cross(a[2], a[0], a[1]);
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) {
+            axes[i][k] = (int32_t)lrint(a[i][k] * CANOPY_AXIS_ONE);
+        }
+    }
+}
+
 bool canopy_turn_axes(const double direction[3], int32_t axes[3][3]) {
     double a[3][3] = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {direction[0], direction[1], direction[2]}};
     if (!normalise(a[2])) {
@@ -34,16 +51,26 @@ bool canopy_turn_axes(const double direction[3], int32_t axes[3][3]) {
         a[0][k] = (k == start ? 1.0 : 0.0) - a[2][start] * a[2][k];
     }
     normalise(a[0]);
+    round_axes(a, axes);
+    return true;
+}
+
+bool canopy_turn_axes_plane(const double points[9], int32_t axes[3][3]) {
+    double a[3][3];
+    double beside[3];
     for (int k = 0; k < 3; k++) {
-        const int p = (k + 1) % 3;
-        const int q = (k + 2) % 3;
-        a[1][k] = a[2][p] * a[0][q] - a[2][q] * a[0][p];
+        a[0][k] = points[3 + k] - points[k];
+        beside[k] = points[6 + k] - points[k];
     }
-    for (int i = 0; i < 3; i++) {
-        for (int k = 0; k < 3; k++) {
-            axes[i][k] = (int32_t)lrint(a[i][k] * CANOPY_AXIS_ONE);
-        }
+    if (!normalise(a[0]) || !normalise(beside)) {
+        return false;
     }
+    cross(a[0], beside, a[2]);
+    if (fmax(fabs(a[2][0]), fmax(fabs(a[2][1]), fabs(a[2][2]))) < 1e-12) {
+        return false;
+    }
+    normalise(a[2]);
+    round_axes(a, axes);
     return true;
 }
 

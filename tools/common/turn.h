@@ -12,10 +12,16 @@
 #include "tools/common/device.h"
 #include "tools/common/fault.h"
 
-/// Axes for a direction: axes[2] is the direction normalised, axes[0] the part of x orthogonal to it, normalised (of y
-/// if the direction is within 26 degrees of x), axes[1] = axes[2] x axes[0]; components in multiples of 2^-30. False
-/// for a direction without length.
+/// Axes for a direction, the rule of canopy_axes_from_direction_fx in IEEE double: axes[2] is the direction normalised,
+/// axes[0] the part of x orthogonal to it, normalised (of y if the direction is within 26 degrees of x), axes[1] =
+/// axes[2] x axes[0]; components in multiples of 2^-30. False for a direction without length.
 bool canopy_turn_axes(const double direction[3], int32_t axes[3][3]);
+
+/// Axes for three points of a plane, x y z each, the rule of canopy_axes_from_points_fx: axes[0] from the first to the
+/// second, axes[2] along (second - first) x (third - first), towards a viewer who sees them anticlockwise, axes[1] =
+/// axes[2] x axes[0]. False for points that are not finite, or on a line: a triangle whose angle at the first point is
+/// 0 or 180 degrees to about 1e-12, which is what decimals leave of a line.
+bool canopy_turn_axes_plane(const double points[9], int32_t axes[3][3]);
 
 /// Points in the coordinates of their axes.
 struct canopy_turned {
