@@ -23,9 +23,9 @@
 /// safe side. Window edges inside a knot interval are first moved outward to 2^-26 of it: that is the window that
 /// everything here is about (a quantum or less, unless the pitch is beyond 2^26 quanta).
 ///
-/// Cost on a Cortex-M3, instructions: begin 16 a coefficient in and around the window; a look at a cell that its
-/// coefficients rule out 300, at another 1,500 (5,500 where the window's edge crosses it); a cut 10,000. See
-/// docs/queries.md for whole calls. Stack: 500 bytes.
+/// Cost on a Cortex-M3, instructions: begin 25 a coefficient in and around the window; a look at a cell 1,800 (400 where
+/// its coefficients rule it out, 4,500 where the window's edge crosses it); a cut 7,500. The highest over 6 x 6 knot
+/// intervals of a scan, to the end, 200,000; docs/queries.md has more. Stack: below 900 bytes.
 #ifndef CANOPY_COVER_QUERY_EXTREME_H
 #define CANOPY_COVER_QUERY_EXTREME_H
 
@@ -35,7 +35,7 @@
 #include "lib/cover/query.h"
 #include "lib/cover/query_patch.h"
 
-#define CANOPY_EXTREME_NODES 16  ///< parts that a device remembers; on scans 8 to 16 do as well as thousands
+#define CANOPY_EXTREME_NODES 16  ///< parts that a device remembers: enough for what a scan is
 #define CANOPY_EXTREME_DEPTH 16  ///< a knot cell is halved at most so often along each axis
 
 enum canopy_extreme_kind { CANOPY_HIGHEST = 0, CANOPY_LOWEST = 1 };
@@ -80,13 +80,13 @@ enum canopy_status canopy_extreme_begin(struct canopy_extreme *search, const str
 
 /// At most `budget` units of work, each a look at a knot cell or a cut. CANOPY_MORE; CANOPY_OK: nothing more can be
 /// gained; CANOPY_EMPTY: all cells have been looked at and none counts, there is no answer.
-/// Looks: the number of knot cells of the window. Cuts: 0 to 4 for one smooth hump, 20 to 60 over a whole scan.
+/// Looks: the number of knot cells of the window. Cuts: 0 to 10 over a few knot intervals, 40 over a whole scan.
 enum canopy_status canopy_extreme_step(struct canopy_extreme *search, uint32_t budget);
 
 /// What is known now; after any number of steps, none included.
 struct canopy_extreme_answer canopy_extreme_answer(const struct canopy_extreme *search);
 
-/// The whole of it: begins with CANOPY_EXTREME_NODES parts on the stack (400 bytes more) and works until it ends or
+/// The whole of it: begins with CANOPY_EXTREME_NODES parts on the stack (600 bytes more) and works until it ends or
 /// `budget` is used up. CANOPY_OK also in the latter case: the answer is guaranteed. Else *answer is unchanged.
 enum canopy_status canopy_extreme_find(const struct canopy_query_subject *subject, const struct canopy_query_rect *rect,
                                        enum canopy_extreme_kind kind, uint32_t tolerance, uint32_t budget,

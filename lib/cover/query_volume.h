@@ -49,7 +49,7 @@ struct canopy_volume_answer {
 enum canopy_status canopy_volume_begin(struct canopy_volume *volume, const struct canopy_query_subject *subject,
                                        const struct canopy_query_rect *rect);
 
-/// Adds up to `budget` knot cells: about 1,300 instructions each on a Cortex-M3, 5,500 at the window's edge.
+/// Adds up to `budget` knot cells: about 1,300 instructions each on a Cortex-M3, 4,000 at the window's edge.
 /// CANOPY_MORE; CANOPY_OK: all are added; CANOPY_RANGE: a coefficient is beyond its limit. A window without area, and
 /// one in which no cell counts, have volume 0; `cells` tells.
 enum canopy_status canopy_volume_step(struct canopy_volume *volume, uint32_t budget);
