@@ -98,7 +98,7 @@ static void make_frame(struct scene *s, uint16_t cells) {
 }
 
 // Random points in a field; no coefficients yet. `level`: what the field's cells can be halved to.
-static unsigned make_scene(struct scene *s, uint64_t seed) {
+static unsigned make_scene(struct scene *s, uint64_t seed, bool packed) {
     static const uint16_t cells[] = {2, 4, 6, 8};
     *s = (struct scene){.seed = seed, .random = seed};
     const uint16_t q = cells[below(s, 4)];
@@ -106,7 +106,9 @@ static unsigned make_scene(struct scene *s, uint64_t seed) {
     s->scalar = below(s, 2) ? CANOPY_F32 : CANOPY_FX;
     make_points(s);
     make_frame(s, q);
-    assert_int_equal(canopy_field_init(&s->field, &s->frame, both, field_arena, sizeof field_arena), CANOPY_OK);
+    assert_int_equal((packed ? canopy_field_init_packed : canopy_field_init)(&s->field, &s->frame, both, field_arena,
+                                                                             sizeof field_arena),
+                     CANOPY_OK);
     const size_t refused = s->scalar == CANOPY_F32
                                ? canopy_field_feed_f32(&s->field, (const float(*)[3])s->f32, s->points)
                                : canopy_field_feed_fx(&s->field, (const int32_t(*)[3])s->fx, s->points);
@@ -220,7 +222,7 @@ static void check_fitted(uint64_t seed) {
     struct judged judged;
     struct canopy_exact_result result;
     unsigned level = 1;
-    const unsigned finest = make_scene(&s, seed);
+    const unsigned finest = make_scene(&s, seed, seed % 4 == 0);
     fit_base(&s);
     for (uint32_t k = 1 + below(&s, WINDOWS); k > 0; k--) {
         level = level < finest ? level + below(&s, 2) : level;
@@ -280,7 +282,7 @@ static void raise_field(struct scene *s) {
 static void check_certificate(uint64_t seed) {
     struct scene s;
     struct judged judged;
-    const unsigned finest = make_scene(&s, seed);
+    const unsigned finest = make_scene(&s, seed, false);
     s.frame.side = CANOPY_ABOVE;
     for (uint32_t k = 1 + below(&s, WINDOWS); k > 0; k--) {
         add_window(&s, 1 + below(&s, finest));
@@ -318,7 +320,7 @@ static void certificate_is_exact_about_its_own_bound(void **state) {
     (void)state;
     for (uint64_t seed = 1; seed <= 100; seed++) {
         struct scene s;
-        make_scene(&s, seed);
+        make_scene(&s, seed, false);
         add_window(&s, 1);
         random_coefficients(&s);
         raise_field(&s);
@@ -339,7 +341,7 @@ static void certificate_is_exact_about_its_own_bound(void **state) {
 static void check_evaluation(uint64_t seed) {
     struct scene s;
     struct judged judged;
-    (void)make_scene(&s, seed);
+    (void)make_scene(&s, seed, false);
     s.frame.side = CANOPY_ABOVE;
     for (uint32_t k = below(&s, WINDOWS + 1); k > 0; k--) {
         add_window(&s, 1 + below(&s, 2));

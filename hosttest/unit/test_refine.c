@@ -105,6 +105,9 @@ UNIT(choice_is_where_the_gap_is_largest_and_never_twice) {
     CHECK(first.first[0] == 8 && first.first[1] == 4);  // rows 3 and 4, columns 1 to 3: 160
     CHECK_EQ(canopy_refine_choose(&frame, gaps, 1, span, &first, 1, &second), CANOPY_OK);
     CHECK(second.first[0] == -1 && second.first[1] == -1);
+    // a finer one may nest in a coarser one
+    CHECK_EQ(canopy_refine_choose(&frame, gaps, 2, span, &first, 1, &second), CANOPY_OK);
+    CHECK(second.first[0] == 14 && second.first[1] == 6);
 }
 
 // ---- What a window adds

@@ -94,7 +94,7 @@ static bool meet(const struct canopy_refinement *one, const struct canopy_refine
 
 static bool is_free(const struct canopy_refinement *window, const struct canopy_refinement *taken, uint32_t count) {
     for (uint32_t k = 0; k < count; k++) {
-        if (meet(window, &taken[k])) {
+        if (taken[k].level >= window->level && meet(window, &taken[k])) {
             return false;
         }
     }
@@ -150,17 +150,19 @@ static struct canopy_place middle_of(const struct canopy_field_axis *axis, uint3
     return (struct canopy_place){cell / axis->cells, (int32_t)(half / axis->cells)};
 }
 
-void canopy_refine_gaps(const struct canopy_field *field, const int32_t *b, uint32_t *gaps) {
+void canopy_refine_gaps(const struct canopy_field *field, const int32_t *b, const struct canopy_refinement *windows,
+                        uint32_t count, uint32_t *gaps) {
     const uint32_t across = field->frame.size[1] - 1U, columns = field->axis[1].count;
     memset(gaps, 0, sizeof *gaps * across * (field->frame.size[0] - 1U));
     for (uint32_t r = 0; r < field->axis[0].count; r++) {
         const struct canopy_place u = middle_of(&field->axis[0], r);
         for (uint32_t c = 0; c < columns; c++) {
-            const int32_t height = field->heights[(size_t)r * columns + c];
+            const int32_t height = canopy_field_height(field, r * columns + c);
             const struct canopy_place v = middle_of(&field->axis[1], c);
             if (height != CANOPY_NO_HEIGHT) {
-                const int64_t gap = (int64_t)canopy_surface_fx(b, field->frame.size, &u, &v, NULL) - height;
-                // 1024 cells of less than 2^30 steps: in units of 2^8 steps their sum fits
+                const int64_t gap =
+                    (int64_t)canopy_refined_fx(b, field->frame.size, windows, count, &u, &v, NULL) - height;
+                // 1024 cells of less than 2^30 steps (2^28 and, below, 2^25): in units of 2^8 steps their sum fits
                 gaps[(size_t)u.interval * across + v.interval] += gap > 0 ? (uint32_t)(gap >> 8) : 0;
             }
         }

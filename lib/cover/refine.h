@@ -52,7 +52,7 @@
 /// The window of `level` that changes the surface between the fine knots low and high of each axis and nowhere else:
 /// its `first` and `size`; d is left alone. Where it reaches the edge of the grid it has the coefficients beyond the
 /// edge, too. Fine knots: 0 to 2^level (size - 1). CANOPY_ARGUMENT: no such level, or less than 4 fine knot intervals
-/// (3 at one edge of the grid, 1 from edge to edge). CANOPY_OUT_OF_FRAME: beside the grid. *window is then unchanged.
+/// (1 where it reaches an edge of the grid). CANOPY_OUT_OF_FRAME: beside the grid. *window is then unchanged.
 enum canopy_status canopy_refine_place(const struct canopy_frame *frame, unsigned level, const int32_t low[2],
                                        const int32_t high[2], struct canopy_refinement *window);
 
@@ -63,15 +63,16 @@ enum canopy_status canopy_refine_place(const struct canopy_frame *frame, unsigne
 enum canopy_status canopy_refine_check(const struct canopy_frame *frame, const struct canopy_refinement *windows,
                                        uint32_t count, uint32_t *which);
 
-/// Where it matters most: the place of a window of span[0] x span[1] knot intervals, not meeting any of `taken`, with
-/// the largest sum of `gaps`, one for each knot cell, row order, in any unit. CANOPY_EMPTY: nowhere, or nowhere is a
+/// Where it matters most: the place of a window of span[0] x span[1] knot intervals, not meeting any of `taken` that is
+/// not of a coarser level, with the largest sum of `gaps`, one for each knot cell, row order, in any unit. CANOPY_EMPTY: nowhere, or nowhere is a
 /// gap; CANOPY_ARGUMENT, CANOPY_OUT_OF_FRAME: as canopy_refine_place. Cost: (m-1)(n-1) times 2 span[0] additions.
 enum canopy_status canopy_refine_choose(const struct canopy_frame *frame, const uint32_t *gaps, unsigned level,
                                         const uint16_t span[2], const struct canopy_refinement *taken, uint32_t count,
                                         struct canopy_refinement *window);
 
-/// Gaps for canopy_refine_choose from a field: the base's height over the middle of each cell less the cell's.
-void canopy_refine_gaps(const struct canopy_field *field, const int32_t *b, uint32_t *gaps);
+/// Gaps for canopy_refine_choose from a field: the height over the middle of each cell less the cell's.
+void canopy_refine_gaps(const struct canopy_field *field, const int32_t *b, const struct canopy_refinement *windows,
+                        uint32_t count, uint32_t *gaps);
 
 // ---- How
 

@@ -74,9 +74,9 @@ static bool is_covered(const struct canopy_refine_certify *certify, const uint32
     uint32_t q[2];
     const uint32_t first = cells_of(certify, g, q);
     for (uint32_t r = 0; r < q[0]; r++) {
-        const int32_t *heights = certify->field->heights + first + (size_t)r * certify->field->axis[1].count;
+        const uint32_t row = first + r * certify->field->axis[1].count;
         for (uint32_t s = 0; s < q[1]; s++) {
-            if (heights[s] != CANOPY_NO_HEIGHT) {
+            if (canopy_field_height(certify->field, row + s) != CANOPY_NO_HEIGHT) {
                 return true;
             }
         }
@@ -99,7 +99,7 @@ static enum canopy_status bound_cell(const struct canopy_refine_certify *certify
         const uint32_t row = first + r * certify->field->axis[1].count;
         least_of_row(certify, c, r, lowest);
         for (uint32_t s = 0; s < q[1]; s++) {
-            const int32_t *of = lowest + (size_t)3 * s, height = certify->field->heights[row + s];
+            const int32_t *of = lowest + (size_t)3 * s, height = canopy_field_height(certify->field, row + s);
             const int32_t bound = least(least(of[0], of[1]), least(of[2], of[3]));
             if (height != CANOPY_NO_HEIGHT && bound - height < *margin) {
                 *margin = bound - height;

@@ -290,7 +290,7 @@ static int32_t node_height(const struct canopy_field *field, uint32_t row, uint3
     int32_t height = CANOPY_NO_HEIGHT;
     for (uint32_t i = row > 0 ? row - 1 : 0; i <= row && i < rows; i++) {
         for (uint32_t j = column > 0 ? column - 1 : 0; j <= column && j < columns; j++) {
-            const int32_t here = field->heights[(size_t)i * columns + j];
+            const int32_t here = canopy_field_height(field, i * columns + j);
             height = here > height ? here : height;
         }
     }
@@ -316,7 +316,7 @@ enum canopy_status canopy_refine_field(struct canopy_refine *refine, struct cano
     const struct canopy_field *field = certify->field;
     uint32_t rows[2], columns[2], interval[2];
     float s[2];
-    if (memcmp(&field->frame, &refine->frame, sizeof field->frame) != 0 || refine->rows > 0) {
+    if (canopy_frame_difference(&field->frame, &refine->frame) != CANOPY_SAME || refine->rows > 0) {
         return CANOPY_ARGUMENT;
     }
     for (int a = 0; a < 2; a++) {

@@ -5,6 +5,7 @@
 #include "tools/canopy/command.h"
 #include "tools/canopy/operands.h"
 #include "tools/canopy/wish.h"
+#include "tools/common/filling.h"
 
 static const char DOC[] =
     "Fits a smooth surface that lies on one side of all points, proves it, and writes it as a surrogate "
@@ -20,15 +21,21 @@ static const char DOC[] =
     "Exit status: 0 done; 2 bad input, with one line that says where and what to do, and no output file; 64 wrong "
     "usage.";
 
-enum { SIDE = 256, REFINE };
+enum { SIDE = 256, REFINE, FREE };
 
 static const struct argp_option OPTIONS[] = {
     {"side", SIDE, "above|below", 0, "the surface is above all points (default), or below", 0},
     {"refine", REFINE, "WHERE[@LEVEL]", 0,
      "finer knots where they matter, at half the pitch (LEVEL 1, default) or a quarter (2). WHERE is N: that many "
-     "windows, up to 8, each a quarter of the grid wide, where the surface is farthest from the points; N:RxC: N "
+     "windows, up to 8, each a quarter of the grid wide (3 knot intervals at least), where the surface is farthest "
+     "from the points; N:RxC: N "
      "windows of RxC knot intervals; or X0,Y0,X1,Y1: the window between two corners, in input units along the frame's "
      "first and second axis (x and y unless --dir). May be given several times",
+     0},
+    {"free", FREE, "nearest|straight|bent", 0,
+     "how the surface goes on where there are no points, over holes and beyond silhouettes, never higher or lower than "
+     "it is elsewhere: as nearest by; so that second differences vanish (default of fast); or with the least bending "
+     "energy (default of tight). It changes nothing over knot cells that hold points",
      0},
     {"output", 'o', "OUT.json", 0, "write the surrogate here; without it only the line is printed", 0},
     {0}};
@@ -39,6 +46,7 @@ struct arguments {
     enum canopy_side side;
     const char *refine[CANOPY_REFINEMENTS_MAX + 1];  ///< one too many is said to be so later
     uint32_t refine_count;
+    enum canopy_filling filling;
 };
 
 static error_t parse(int key, char *text, struct argp_state *state) {
@@ -54,6 +62,12 @@ static error_t parse(int key, char *text, struct argp_state *state) {
             a->refine[a->refine_count++] = text;
         }
         return 0;
+    case FREE:
+        a->filling = canopy_filling_named(text);
+        if (a->filling == CANOPY_FILLING_OWN) {
+            argp_error(state, "--free is nearest, straight or bent, not '%s'", text);
+        }
+        return 0;
     case ARGP_KEY_END: canopy_wish_end(&a->wish, state); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -65,6 +79,25 @@ static bool read_refining(const struct arguments *a, struct canopy_refining *ref
         ok = canopy_refining_read(a->refine[k], refining, fault);
     }
     return ok;
+}
+
+/// Sets what no covered cell can see, and judges what is written now as what was there before.
+static bool fill(enum canopy_filling rule, const struct canopy_device_list *points, struct canopy_surrogate *surrogate,
+                 struct canopy_surface_report *report, struct canopy_fault *fault) {
+    if (rule == CANOPY_FILLING_OWN) {
+        return true;
+    }
+    const struct canopy_cloud cloud = canopy_device_list_cloud(points);
+    if (!canopy_filling_apply(surrogate, rule, fault)) {
+        return false;
+    }
+    if (!canopy_exact_check(surrogate, &cloud, &report->result)) {
+        return canopy_fault_no_memory(fault);
+    }
+    surrogate->margin = report->result.margin;
+    return canopy_exact_is_safe(&report->result) ||
+           canopy_fault_set(fault, "no safe surface came out with --free; nothing was written: please report this with "
+                                   "the points");
 }
 
 static bool run(const struct arguments *a, struct canopy_surrogate *frame, struct canopy_fault *fault) {
@@ -81,7 +114,8 @@ static bool run(const struct arguments *a, struct canopy_surrogate *frame, struc
     if (!ok) {
         canopy_fault_prefix(fault, "%s", a->wish.points);
     } else {
-        ok = !a->output || canopy_surrogate_write(a->output, &surrogate, fault);
+        ok = fill(a->filling, &loaded.list, &surrogate, &report, fault);
+        ok = ok && (!a->output || canopy_surrogate_write(a->output, &surrogate, fault));
         if (ok) {
             canopy_wish_report(&wish, &loaded, &report, a->output);
         }

@@ -124,9 +124,11 @@ static bool tighten_across(const struct canopy_turned *turned, const struct cano
     struct canopy_turned exchanged = *turned;
     union canopy_device_point *points = exchange_points(turned);
     int32_t *sides[2] = {malloc(count * sizeof **sides), malloc(count * sizeof **sides)};
-    bool ok = (points && sides[0] && sides[1]) || canopy_fault_no_memory(fault);
+    bool ok = points && sides[0] && sides[1];
     exchanged.points = points;
-    if (ok) {
+    if (!ok) {
+        canopy_fault_no_memory(fault);
+    } else {
         transpose(coefficients, frame->size, sides[0]);
         if (opposite) {
             transpose(opposite, frame->size, sides[1]);

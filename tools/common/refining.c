@@ -8,7 +8,8 @@
 #include "lib/cover/certify.h"
 #include "tools/common/number.h"
 
-#define SHARE 4  // a window of its own choice is this part of the grid wide
+#define SHARE 4       // a window of its own choice is this part of the grid wide …
+#define SPAN_LEAST 3  // … and this many knot intervals at least
 
 /// Windows in the library's own form, with memory of their own.
 struct windows {
@@ -33,24 +34,26 @@ static bool read_rectangle(const char *text, const char *end, struct canopy_refi
 }
 
 static bool read_count(const char *text, const char *end, struct canopy_refining_request *request) {
-    uint64_t value = 0;
+    uint64_t value[3] = {0, 0, 0};
     const char *p = text;
-    if (!canopy_number_digits(p, &p, &value) || value < 1 || value > CANOPY_REFINEMENTS_MAX) {
+    if (!canopy_number_digits(p, &p, &value[0]) || value[0] < 1 || value[0] > CANOPY_REFINEMENTS_MAX) {
+        return false;
+    }
+    const bool sized = p != end;
+    for (int a = 0; sized && a < 2; a++) {
+        if (*p != (a == 0 ? ':' : 'x') || !canopy_number_digits(p + 1, &p, &value[a + 1]) || value[a + 1] < 1 ||
+            value[a + 1] > CANOPY_SIZE_MAX) {
+            return false;
+        }
+    }
+    if (p != end) {
         return false;
     }
     request->everywhere = true;
-    request->windows = (uint32_t)value;
-    for (int a = 0; a < 2 && (a == 1 || p != end); a++) {
-        if (*p != (a == 0 ? ':' : 'x') || !canopy_number_digits(p + 1, &p, &value) || value < 1 ||
-            value >= CANOPY_SIZE_MAX) {
-            return false;
-        }
-        request->span[a] = (uint32_t)value;
-        if (a == 1) {
-            break;
-        }
-    }
-    return p == end;
+    request->windows = (uint32_t)value[0];
+    request->span[0] = (uint32_t)value[1];
+    request->span[1] = (uint32_t)value[2];
+    return true;
 }
 
 bool canopy_refining_read(const char *text, struct canopy_refining *refining, struct canopy_fault *fault) {
@@ -109,9 +112,9 @@ static enum canopy_status place_choice(const struct canopy_refining_request *req
                                        struct canopy_refinement *window) {
     uint16_t span[2];
     for (int a = 0; a < 2; a++) {
-        const uint32_t quarter = (ground->frame.size[a] - 1U + SHARE / 2) / SHARE;
-        const uint32_t wish = request->span[a] ? request->span[a] : quarter > 2 ? quarter : 2;
-        span[a] = (uint16_t)wish;
+        const uint32_t all = ground->frame.size[a] - 1U, part = (all + SHARE / 2) / SHARE;
+        const uint32_t own = part > SPAN_LEAST ? part : all < SPAN_LEAST ? all : SPAN_LEAST;
+        span[a] = (uint16_t)(request->span[a] ? request->span[a] : own);
     }
     return canopy_refine_choose(&ground->frame, gaps, request->level, span, taken->list, taken->count, window);
 }
@@ -130,7 +133,9 @@ static bool blame_place(const struct canopy_refining_request *request, const str
                                 request->text, ground->frame.size[0] - 1, ground->frame.size[1] - 1);
     }
     if (status == CANOPY_EMPTY) {
-        return blame(request, fault, "there is no place left for another window: give fewer or smaller ones");
+        return blame(request, fault,
+                     "there is no place left for another window, or none of that size has room for a B-spline: give "
+                     "fewer, or others");
     }
     return canopy_fault_set(fault,
                             "--refine %.60s: the window is too small: give one of at least 4 intervals of the refined "
@@ -440,9 +445,8 @@ struct from_field {
 
 static bool gaps_of_field(void *context, const struct windows *windows, uint32_t *gaps, struct canopy_fault *fault) {
     struct from_field *from = context;
-    (void)windows;  // what is taken is not chosen again
     (void)fault;
-    canopy_refine_gaps(&from->field, from->b, gaps);
+    canopy_refine_gaps(&from->field, from->b, windows->list, windows->count, gaps);
     return true;
 }
 

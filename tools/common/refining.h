@@ -18,7 +18,7 @@ struct canopy_refining_request {
     unsigned level;      ///< 1: half pitch; 2: quarter
     bool everywhere;     ///< unused rectangle: choose
     uint32_t windows;    ///< then: how many …
-    uint32_t span[2];    ///< … of how many knot intervals; 0: a quarter of the grid
+    uint32_t span[2];    ///< … of how many knot intervals; 0: a quarter of the grid, 3 at least
     double corner[2];    ///< else: input units along the frame's first and second axis …
     double opposite[2];  ///< … of the opposite corner
 };
