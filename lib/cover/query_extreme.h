@@ -23,9 +23,9 @@
 /// safe side. Window edges inside a knot interval are first moved outward to 2^-26 of it: that is the window that
 /// everything here is about (a quantum or less, unless the pitch is beyond 2^26 quanta).
 ///
-/// Cost on a Cortex-M3, instructions: begin 25 a coefficient in and around the window; a look at a cell 1,800 (400 where
-/// its coefficients rule it out, 4,500 where the window's edge crosses it); a cut 7,500. The highest over 6 x 6 knot
-/// intervals of a scan, to the end, 200,000; docs/queries.md has more. Stack: below 900 bytes.
+/// Cost on a Cortex-M3, instructions: begin 25 a coefficient in and around the window; a look at a cell 1,800 (400
+/// where its coefficients rule it out, 4,500 where the window's edge crosses it); a cut 7,500. The highest over 6 x 6
+/// knot intervals of a scan, to the end, 200,000; docs/queries.md has more. Stack: below 900 bytes.
 #ifndef CANOPY_COVER_QUERY_EXTREME_H
 #define CANOPY_COVER_QUERY_EXTREME_H
 
