@@ -16,6 +16,7 @@ try:
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
 except ImportError:
     sys.exit(4)
 
@@ -66,12 +67,41 @@ class Surrogate:
                 z = z + wu[a] * wv[c] * d[i, j]
         return np.where(inside, z, 0.0)
 
+    def cells(self):
+        """Which knot cells are covered, which are cut, and at which corner of theirs the cut leaves a triangle inside.
+
+        The rule of lib/cover/trim.h: an uncovered cell is cut where exactly two of its four neighbours are covered and
+        share a corner."""
+        t = np.pad(np.array(self.trim, bool), 1)
+        low_u, high_u, low_v, high_v = t[:-2, 1:-1], t[2:, 1:-1], t[1:-1, :-2], t[1:-1, 2:]
+        covered = t[1:-1, 1:-1]
+        return covered, ~covered & (low_u ^ high_u) & (low_v ^ high_v), high_u, high_v
+
     def covered(self, u, v):
+        """Inside the trim: covered cells, and the triangles of cells that are cut."""
         if self.trim is None:
             return np.ones(np.broadcast(u, v).shape, bool)
         hu = np.clip(np.floor(u).astype(int), 0, self.size[0] - 2)
         hv = np.clip(np.floor(v).astype(int), 0, self.size[1] - 2)
-        return np.array(self.trim, bool)[hu, hv]
+        covered, cut, high_u, high_v = (cells[hu, hv] for cells in self.cells())
+        return covered | (cut & (np.abs(u - hu - high_u) + np.abs(v - hv - high_v) <= 1))
+
+    def outline(self):
+        """The trim's edges, each from knot to knot: (edges, 2, 2)."""
+        if self.trim is None:
+            return np.empty((0, 2, 2))
+        covered, cut, high_u, high_v = self.cells()
+        outside = np.pad(~covered & ~cut, 1, constant_values=True)
+        m, n = covered.shape
+        edges = []
+        for du, dv, one, two in ((-1, 0, (0, 0), (0, 1)), (1, 0, (1, 0), (1, 1)), (0, -1, (0, 0), (1, 0)),
+                                 (0, 1, (0, 1), (1, 1))):
+            cells = np.argwhere(covered & outside[1 + du:1 + du + m, 1 + dv:1 + dv + n])
+            edges.append(np.stack([cells + one, cells + two], axis=1))
+        cells = np.argwhere(cut)
+        corner = np.stack([high_u[cut], high_v[cut]], axis=1).astype(int)
+        edges.append(np.stack([cells + (1, 0) + corner * (-1, 1), cells + (0, 1) + corner * (1, -1)], axis=1))
+        return np.concatenate(edges).astype(float)
 
     def knots(self, points):
         """(u, v, height in input units) of points in input units, rounded as the device does."""
@@ -122,6 +152,7 @@ def draw_space(figure, place, s, cloud, sample):
         pu, pv, pz = (c[sample] for c in cloud)
         axes.scatter(s.along(0, pu), s.along(1, pv), pz, s=1.2, color=POINT, linewidth=0, depthshade=False,
                      zorder=1)
+    draw_outline(axes, s, low, high)
     names = s.labels()
     axes.set_xlabel(names[0], labelpad=6)
     axes.set_ylabel(names[1], labelpad=6)
@@ -134,6 +165,18 @@ def draw_space(figure, place, s, cloud, sample):
     axes.tick_params(labelsize=8)
     caption = "surface" + (f" and points, seen from {s.side}" if cloud is not None else "")
     figure.text(0.22, 0.035, caption, fontsize=11, ha="center")  # below: labels stand where a title would
+
+
+def draw_outline(axes, s, low, high):
+    """The trim's edges on the surface."""
+    along = np.linspace(0, 1, 7)[:, None]
+    edges = s.outline()
+    if not len(edges):
+        return
+    knots = edges[:, None, 0] * (1 - along) + edges[:, None, 1] * along
+    z = np.clip(s.height(knots[..., 0], knots[..., 1]), low, high)
+    lines = np.stack([s.along(0, knots[..., 0]), s.along(1, knots[..., 1]), z], axis=-1)
+    axes.add_collection3d(Line3DCollection(lines, colors=SURFACE, linewidths=0.9, zorder=3))
 
 
 def section_at(s, cloud):

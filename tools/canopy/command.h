@@ -16,10 +16,12 @@ int canopy_command_fit(int argc, char **argv);
 int canopy_command_sandwich(int argc, char **argv);
 int canopy_command_check(int argc, char **argv);
 int canopy_command_eval(int argc, char **argv);
+int canopy_command_trim(int argc, char **argv);
 int canopy_command_window(int argc, char **argv);
 int canopy_command_clearance(int argc, char **argv);
 int canopy_command_volume(int argc, char **argv);
 int canopy_command_diff(int argc, char **argv);
+int canopy_command_ray(int argc, char **argv);
 int canopy_command_regrid(int argc, char **argv);
 int canopy_command_plot(int argc, char **argv);
 

@@ -1,29 +1,98 @@
 // canopy eval: the surface over each point.
 
+#include <argp.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "tools/canopy/command.h"
 #include "tools/canopy/operands.h"
 #include "tools/canopy/stream.h"
+#include "tools/common/outline.h"
 
 static const char DOC[] =
     "The height of the surface over (or under) each point, in input units, one a line.\v"
     "The height is the surface's coordinate along the surrogate's third axis, measured from the zero of the input: "
-    "with axes along x, y, z it is the surface's z at the point's x and y. `nan` outside the frame, and in knot cells "
-    "without data where the surrogate has a trim. 17 significant digits; the error of double arithmetic is below 1e-12 "
+    "with axes along x, y, z it is the surface's z at the point's x and y. `nan` outside the frame and, where the "
+    "surrogate "
+    "has a trim, in knot cells without data; with --trim outline, outside the outline that `canopy trim` draws, which "
+    "takes in half of each cell at a staircase of covered ones. 17 significant digits; the error of double arithmetic "
+    "is below 1e-12 "
     "of the largest coefficient. Points are rounded as the device receives them first (see `canopy check --help`, also "
     "for the formats of POINTS).\n\n"
     "Exit status: 0, or 2 for bad input (nothing is printed after a fault, what was printed before it stands).";
 
+/// Where the surface counts as known.
+enum known { CELLS, OUTLINE, FRAME };
+
+enum { TRIM = 256 };
+
+static const struct argp_option OPTIONS[] = {
+    {"trim", TRIM, "cells|outline|frame", 0,
+     "where the surface has a height: in covered cells (default), inside the outline around them, or everywhere in the "
+     "frame",
+     0},
+    {0}};
+
+struct arguments {
+    struct canopy_operands operands;
+    enum known known;
+};
+
+static enum known known_named(const char *text, struct argp_state *state) {
+    static const char *const names[] = {"cells", "outline", "frame"};
+    for (int k = CELLS; k <= FRAME; k++) {
+        if (strcmp(text, names[k]) == 0) {
+            return (enum known)k;
+        }
+    }
+    argp_error(state, "--trim is cells, outline or frame, not '%s'", text);
+    return CELLS;  // not reached
+}
+
+static error_t parse(int key, char *text, struct argp_state *state) {
+    struct arguments *a = state->input;
+    switch (key) {
+    case TRIM: a->known = known_named(text, state); return 0;
+    case ARGP_KEY_ARG:
+        canopy_operands_take(&a->operands, text, state, "give one surrogate and one point file");
+        return 0;
+    case ARGP_KEY_END:
+        if (state->arg_num < 2) {
+            argp_error(state, "give a surrogate and a point file");
+        }
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
 struct work {
     const struct canopy_surrogate *surrogate;
     struct canopy_exact *exact;
+    const struct canopy_outline *outline;  ///< what else must hold the point, or NULL
     double *heights;
     size_t room;
     bool failed;
 };
+
+/// A coordinate of a point of the cloud.
+static double coordinate(const struct canopy_cloud *cloud, size_t point, int axis) {
+    const size_t at = point * cloud->stride;
+    return cloud->scalar == CANOPY_F32 ? (double)((const float *)cloud->axis[axis])[at]
+                                       : (double)((const int32_t *)cloud->axis[axis])[at];
+}
+
+static bool is_in_outline(const struct work *work, const struct canopy_cloud *cloud, size_t point) {
+    const struct canopy_surrogate *s = work->surrogate;
+    double q[2] = {0.0, 0.0};
+    for (int a = 0; a < 2; a++) {
+        for (int k = 0; k < 3; k++) {
+            q[a] += s->axes[a][k] * (coordinate(cloud, point, k) - s->origin[k]);
+        }
+    }
+    return canopy_outline_holds(work->outline, q[0] / s->pitch[0], q[1] / s->pitch[1]);
+}
 
 static void take(void *context, const struct canopy_cloud *cloud) {
     struct work *work = context;
@@ -41,7 +110,7 @@ static void take(void *context, const struct canopy_cloud *cloud) {
     canopy_exact_heights(work->exact, cloud, work->heights);
     for (size_t i = 0; i < cloud->count; i++) {
         const double height = work->heights[i];
-        if (isnan(height)) {
+        if (isnan(height) || (work->outline && !is_in_outline(work, cloud, i))) {
             puts("nan");
         } else {
             printf("%.17g\n", (base + height) * s->unit);
@@ -49,21 +118,42 @@ static void take(void *context, const struct canopy_cloud *cloud) {
     }
 }
 
-int canopy_command_eval(int argc, char **argv) {
-    const struct canopy_operands operands = canopy_operands_both(argc, argv, DOC);
-    struct canopy_fault fault;
-    struct canopy_surrogate surrogate;
-    if (!canopy_surrogate_read(operands.surrogate, &surrogate, &fault)) {
-        return canopy_command_fail(&fault);
-    }
-    struct work work = {.surrogate = &surrogate, .exact = canopy_exact_open(&surrogate)};
+/// Evaluates with an outline, or NULL, where the surrogate's own trim says no more than it does.
+static bool evaluate(const char *points, const struct canopy_surrogate *surrogate, const struct canopy_outline *outline,
+                     struct canopy_fault *fault) {
+    struct work work = {.surrogate = surrogate, .exact = canopy_exact_open(surrogate), .outline = outline};
     bool ok = work.exact != NULL;
-    ok = ok && canopy_stream_points(operands.points, &surrogate, (struct canopy_stream_sink){&work, take}, &fault);
+    ok = ok && canopy_stream_points(points, surrogate, (struct canopy_stream_sink){&work, take}, fault);
     if (!work.exact || work.failed) {
-        ok = canopy_fault_set(&fault, "%s: out of memory: close other programs", operands.surrogate);
+        ok = canopy_fault_set(fault, "out of memory: close other programs");
     }
     canopy_exact_close(work.exact);
     free(work.heights);
+    return ok;
+}
+
+int canopy_command_eval(int argc, char **argv) {
+    struct arguments arguments = {.known = CELLS};
+    const struct argp argp = {.options = OPTIONS, .parser = parse, .args_doc = "SURROGATE.json POINTS", .doc = DOC};
+    argp_parse(&argp, argc, argv, 0, NULL, &arguments);
+    struct canopy_fault fault;
+    struct canopy_surrogate surrogate;
+    struct canopy_outline outline;
+    if (!canopy_surrogate_read(arguments.operands.surrogate, &surrogate, &fault)) {
+        return canopy_command_fail(&fault);
+    }
+    const bool outlined = arguments.known == OUTLINE && surrogate.trim;
+    bool ok = !outlined || canopy_outline_make(&surrogate, false, false, &outline, &fault);
+    if (ok) {
+        if (arguments.known != CELLS) {
+            free(surrogate.trim);
+            surrogate.trim = NULL;
+        }
+        ok = evaluate(arguments.operands.points, &surrogate, outlined ? &outline : NULL, &fault);
+        if (outlined) {
+            canopy_outline_free(&outline);
+        }
+    }
     canopy_surrogate_free(&surrogate);
     return ok ? CANOPY_EXIT_OK : canopy_command_fail(&fault);
 }
