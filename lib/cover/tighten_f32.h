@@ -29,6 +29,10 @@
 #define CANOPY_TIGHTEN_NONE -8.0f   // the bound of a constraint that is none; below all others
 #define CANOPY_TIGHTEN_LEAST 1e-8f  // least slack: what rounding may take from a slack that is positive in truth
 
+// What a constraint that comes into use may be below the surface, or lack: less than that is made good by raising what
+// is published.
+#define CANOPY_TIGHTEN_NOISE 4e-6f
+
 // How far a surface evaluated here may be from the true one, coefficients within +-2.5 (else in proportion). Per axis:
 // coefficients to floats 3 roundings, to Bernstein form 6, weights from s 4, the sum 8; times two axes less what they
 // share, under 40 roundings of 2^-24 * 2.5: 100. A point's place is off by 3 * 2^-24 per axis, times a slope of up to

@@ -14,7 +14,9 @@
 #define HELD 0.7f      // the same where a constraint not in use stood in the way
 #define ENOUGH 5e-4f   // of the mean gap: complementarity at which it ends
 #define PROVED 0.01f   // of the gap may be between it and the bound then
-#define NOTHING 2e-5f  // of the mean gap: complementarity at which it ends anyway
+#define NOTHING 5e-6f  // of the mean gap: complementarity at which it ends anyway
+#define LAME 0.3f      // a step as short as that is followed by one …
+#define RECOVER 0.5f   // that leaves so much of the complementarity and centres
 #define STALLED 1e-4f  // as do steps that are both shorter
 
 static inline float slack_of(const struct canopy_tighten *t, int side, size_t j) {
@@ -166,7 +168,8 @@ void canopy_tighten_finish_affine(struct canopy_tighten *t) {
     const float primal = longest(t->most[0]), dual = longest(t->most[1]);
     const float left = t->comp + primal * t->sums[0] + dual * t->sums[1] + primal * dual * t->sums[2];
     const float ratio = smaller(larger(left / t->comp, 0.0f), 1.0f);
-    t->mu *= larger(ratio * ratio * ratio, 1e-4f);
+    const float last = smaller(t->alpha[0], t->alpha[1]);
+    t->mu *= larger(ratio * ratio * ratio, t->iterations > 0 && last < LAME ? RECOVER : 1e-4f);
     for (size_t j = 0; j < count; j++) {
         float rhs = -t->cost[j] + t->mu * t->g[0][j] + t->g[1][j];
         for (int k = 0; k < SIDES && t->seen[j]; k++) {

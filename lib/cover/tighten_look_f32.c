@@ -8,7 +8,6 @@
 #define UNIT 256     // constraints in one unit of work, before the visit that ends it
 #define NEAR 0.2f    // of the complementarity: what is nearer than that after a step is offered
 #define CHOICE 0.4f  // of the height range above the nearest of a cell: what is further is not chosen at first
-#define NOISE 1e-6f  // less than that below the surface is the business of raising
 #define LATTICE_MOST (3 * CANOPY_CELLS_MAX + 1)
 
 // ---- A visit to a knot cell: the surface there, and what is found
@@ -31,17 +30,17 @@ static float value_at(const float c[4][4], const float u[4], const float v[4]) {
     return value;
 }
 
-// What a step over the boundary is shortened by. Rounding may have put a constraint on the boundary before.
+// What a step over the boundary is shortened by.
 static void shorten(struct visit *v, float slack, float before) {
     struct canopy_tighten *t = v->t;
-    before = larger(before, CANOPY_TIGHTEN_LEAST);
-    t->most[0] = larger(t->most[0], (before - slack) / before);
+    before = larger(before + CANOPY_TIGHTEN_NOISE, 0.5f * CANOPY_TIGHTEN_NOISE);
+    t->most[0] = larger(t->most[0], (before - (slack + CANOPY_TIGHTEN_NOISE)) / before);
 }
 
 // A constraint below the limit, at part (i, j) of the cell, where the surface was `before`.
 static void consider(struct visit *v, uint32_t i, uint32_t j, const struct canopy_tighten_nearest *found,
                      float before) {
-    if (v->look == CANOPY_TIGHTEN_LOOK_STEP && found->slack < -NOISE) {
+    if (v->look == CANOPY_TIGHTEN_LOOK_STEP && found->slack < -CANOPY_TIGHTEN_NOISE) {
         shorten(v, found->slack, before - found->z);
     }
     struct canopy_tighten_nearest *nearest = &v->t->nearest[CANOPY_TIGHTEN_GRAIN * i + j];
@@ -126,7 +125,7 @@ static void consider_block(struct visit *v, const struct canopy_tighten_points *
     for (int l = 0; l < LANES; l++) {
         if (slack[l] < v->limit && block->z[l] > CANOPY_TIGHTEN_NONE) {
             float before = 0, wu[4], wv[4];
-            if (slack[l] < -NOISE && v->look == CANOPY_TIGHTEN_LOOK_STEP) {
+            if (slack[l] < -CANOPY_TIGHTEN_NOISE && v->look == CANOPY_TIGHTEN_LOOK_STEP) {
                 canopy_tighten_weights(block->s[l], wu);
                 canopy_tighten_weights(block->t[l], wv);
                 before = value_at((const float(*)[4])v->from, wu, wv);

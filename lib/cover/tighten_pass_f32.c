@@ -29,15 +29,18 @@ static void pass_slacks(struct canopy_tighten_rows *restrict c, const float *res
     }
 }
 
-// A row that has no dual yet gets that of the centre.
+// A row that has no dual yet gets that of the centre; and room, where there is none: a bound that is lower than it might
+// be proves no less.
 static void pass_measure(const struct canopy_tighten *restrict t, struct canopy_tighten_rows *restrict c,
                          const float *restrict value, struct results *restrict to) {
     const float alpha = t->alpha[1], mu = t->mu;
     for (int l = 0; l < LANES; l++) {
         const float active = on(c->z[l]);
+        const bool fresh = !(c->dual[l] > 0.0f);
+        c->z[l] = fresh ? smaller(c->z[l], value[l] - 0.5f * CANOPY_TIGHTEN_NOISE) : c->z[l];
         const float slack = larger(value[l] - c->z[l], CANOPY_TIGHTEN_LEAST);
         const float stepped = c->dual[l] + alpha * c->dual_by[l];
-        const float dual = active * (c->dual[l] > 0.0f ? stepped : mu / slack);
+        const float dual = active * (fresh ? mu / slack : stepped);
         c->slack[l] = slack;
         c->dual[l] = dual;
         to->comp[l] += slack * dual;

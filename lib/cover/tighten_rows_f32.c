@@ -156,7 +156,7 @@ static bool is_there(const struct canopy_tighten *t, uint32_t at, uint32_t from)
         const struct canopy_tighten_rows *other = &t->rows[k / LANES];
         const uint32_t o = k % LANES;
         if (!(other->s[o] < row->s[l]) && !(other->s[o] > row->s[l]) && !(other->t[o] < row->t[l]) &&
-            !(other->t[o] > row->t[l]) && other->z[o] >= row->z[l]) {
+            !(other->t[o] > row->t[l])) {
             return true;
         }
     }
