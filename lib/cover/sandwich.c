@@ -5,15 +5,21 @@
 
 // ---- What any two surfaces are asked
 
-// From b[h-1] … b[h+2] to the Bernstein coefficients of the two halves of knot interval h, which share one, times 48.
-enum { HALVES = 7, HALVES_UNIT = 48 };
-static const int8_t HALF[HALVES][4] = {{8, 32, 8, 0},  {4, 32, 12, 0}, {2, 28, 18, 0}, {1, 23, 23, 1},
-                                       {0, 18, 28, 2}, {0, 12, 32, 4}, {0, 8, 32, 8}};
+enum { HALVES = 7, HALVES_UNIT = 48 };  // Bernstein coefficients of two halves, which share one, and their unit
 _Static_assert(HALVES_UNIT *HALVES_UNIT == CANOPY_SANDWICH_UNITS, "once along u, once along v");
 
-// Sums of at most 48 times an upper and a lower coefficient, then of 48 times those: below 2304 * 2^29 < 2^41.
-static int64_t combine(const int8_t weight[4], const int64_t from[4]) {
-    return weight[0] * from[0] + weight[1] * from[1] + weight[2] * from[2] + weight[3] * from[3];
+// From b[h-1] … b[h+2] to the Bernstein coefficients of the halves of knot interval h, times 48: those of the interval
+// times 6, then de Casteljau at one half times 8. Once and again: below 2304 * 2^29 < 2^41.
+static void to_halves(const int64_t b[4], int64_t to[HALVES]) {
+    const int64_t p0 = b[0] + 4 * b[1] + b[2], p1 = 4 * b[1] + 2 * b[2];
+    const int64_t p2 = 2 * b[1] + 4 * b[2], p3 = b[1] + 4 * b[2] + b[3], middle = p1 + p2;
+    to[0] = 8 * p0;
+    to[1] = 4 * (p0 + p1);
+    to[2] = 2 * (p0 + p1 + middle);
+    to[3] = p0 + 3 * middle + p3;
+    to[4] = 2 * (middle + p2 + p3);
+    to[5] = 4 * (p2 + p3);
+    to[6] = 8 * p3;
 }
 
 static uint32_t clamped(uint32_t h, uint32_t a, uint32_t size) {  // h + a - 1, ends repeated
@@ -21,40 +27,53 @@ static uint32_t clamped(uint32_t h, uint32_t a, uint32_t size) {  // h + a - 1, 
     return i < size ? i : size - 1;
 }
 
-// What column j of coefficients is at the Bernstein coefficients along u.
-static void mix_column(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row, uint32_t j,
-                       int64_t to[HALVES]) {
-    int64_t difference[4];
+// What two surfaces differ by over a row of knot cells: columns of coefficients, the ends repeated, along u in Bernstein
+// form.
+struct difference {
+    const int32_t *upper, *lower;
+    const uint16_t *size;
+    uint32_t row;
+    int64_t column[4][HALVES];  // column j at (j + 1) % 4
+};
+
+static void take_column(struct difference *d, uint32_t w, uint32_t b) {
+    int64_t from[4];
     for (uint32_t a = 0; a < 4; a++) {
-        const size_t at = (size_t)clamped(row, a, size[0]) * size[1] + j;
-        difference[a] = (int64_t)upper[at] + lower[at];  // the lower one is mirrored
+        const size_t at = (size_t)clamped(d->row, a, d->size[0]) * d->size[1] + clamped(w, b, d->size[1]);
+        from[a] = (int64_t)d->upper[at] + d->lower[at];  // the lower one is mirrored
     }
-    for (int p = 0; p < HALVES; p++) {
-        to[p] = combine(HALF[p], difference);
-    }
+    to_halves(from, d->column[(w + b) % 4]);
 }
 
-// The least over knot cell (row, w).
-static int64_t least_of_cell(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row,
-                             uint32_t w) {
-    int64_t mixed[4][HALVES], least = INT64_MAX;
-    for (uint32_t b = 0; b < 4; b++) {
-        mix_column(upper, lower, size, row, clamped(w, b, size[1]), mixed[b]);
-    }
+// The least over knot cell w, whose four columns have been taken.
+static int64_t least_of_cell(const struct difference *d, uint32_t w) {
+    int64_t least = INT64_MAX;
     for (int p = 0; p < HALVES; p++) {
-        const int64_t from[4] = {mixed[0][p], mixed[1][p], mixed[2][p], mixed[3][p]};
+        const int64_t from[4] = {d->column[w % 4][p], d->column[(w + 1) % 4][p], d->column[(w + 2) % 4][p],
+                                 d->column[(w + 3) % 4][p]};
+        int64_t value[HALVES];
+        to_halves(from, value);
         for (int q = 0; q < HALVES; q++) {
-            const int64_t value = combine(HALF[q], from);
-            least = value < least ? value : least;
+            least = value[q] < least ? value[q] : least;
         }
     }
     return least;
 }
 
+static struct difference begin_row(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row) {
+    struct difference d = {.upper = upper, .lower = lower, .size = size, .row = row};
+    for (uint32_t b = 0; b < 3; b++) {
+        take_column(&d, 0, b);
+    }
+    return d;
+}
+
 int64_t canopy_sandwich_least(const int32_t *upper, const int32_t *lower, const uint16_t size[2], uint32_t row) {
+    struct difference d = begin_row(upper, lower, size, row);
     int64_t least = INT64_MAX;
     for (uint32_t w = 0; w + 1 < size[1]; w++) {
-        const int64_t here = least_of_cell(upper, lower, size, row, w);
+        take_column(&d, w, 3);
+        const int64_t here = least_of_cell(&d, w);
         least = here < least ? here : least;
     }
     return least;
@@ -242,9 +261,14 @@ static void yield(const struct canopy_sandwich_ease *ease, uint32_t w) {
 }
 
 static void ease_row(struct canopy_sandwich_ease *ease) {
+    struct difference d = begin_row(ease->wish[0], ease->wish[1], ease->size, ease->row);
     for (uint32_t w = 0; w + 1 < ease->size[1]; w++) {
-        if (least_of_cell(ease->wish[0], ease->wish[1], ease->size, ease->row, w) < 0) {
+        take_column(&d, w, 3);
+        if (least_of_cell(&d, w) < 0) {
             yield(ease, w);
+            for (uint32_t b = 0; b < 4; b++) {
+                take_column(&d, w, b);
+            }
             ease->moved = true;
         }
     }
