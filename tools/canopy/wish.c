@@ -12,7 +12,7 @@
 // ---------------------------------------------------------------------------------------------------------------------
 // The command line
 
-enum { METHOD = 0x200, SCALAR, UNIT, DIR, PLANE, FIELD, FRAME };
+enum { METHOD = 0x200, SCALAR, UNIT, DIR, PLANE, FIELD, PACKED, FRAME };
 
 static const struct argp_option OPTIONS[] = {
     {"grid", 'g', "MxN", 0, "coefficients along the frame's first and second axis, 4x4 to 1024x1024 (required)", 0},
@@ -35,6 +35,10 @@ static const struct argp_option OPTIONS[] = {
      "fit from the bounded streaming field with Q x Q cells a knot interval, 1 to 32, as the device does, instead of "
      "from the points",
      0},
+    {"packed", PACKED, NULL, 0,
+     "with --field: one byte a cell instead of four, so twice the Q in the same memory, which is tighter; heights are "
+     "rounded up to a 2048th of the range or less at the top of each knot cell, and coarser below",
+     0},
     {"frame", FRAME, "FILE", 0, "use the frame (and unit) of this surrogate; a point outside it is bad input", 0},
     {0}};
 
@@ -54,6 +58,7 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     case DIR: a->dir = text; return 0;
     case PLANE: a->plane = text; return 0;
     case FIELD: a->field = text; return 0;
+    case PACKED: a->packed = true; return 0;
     case FRAME: a->frame = text; return 0;
     case SCALAR: a->scalar = canopy_wish_word(state, "scalar", text, "f32", "fx"); return 0;
     case METHOD: a->tight = canopy_wish_word(state, "method", text, "fast", "tight") == 1; return 0;
@@ -72,6 +77,9 @@ const struct argp canopy_wish_argp = {.options = OPTIONS, .parser = parse};
 void canopy_wish_end(const struct canopy_wish *wish, struct argp_state *state) {
     if (!wish->points || !wish->grid) {
         argp_error(state, "give a point file and --grid MxN");
+    }
+    if (wish->packed && !wish->field) {
+        argp_error(state, "--packed says how the cells of a field are kept: give --field Q");
     }
     if (wish->frame && (wish->dir || wish->plane)) {
         argp_error(state, "--%s is part of --frame: give one of them", wish->dir ? "dir" : "plane");
@@ -146,8 +154,9 @@ static bool read_frame(const struct canopy_wish *a, struct canopy_surrogate *fra
 
 bool canopy_wish_read(const struct canopy_wish *a, struct canopy_surrogate *frame, struct canopy_surface_wish *wish,
                       struct canopy_fault *fault) {
-    *wish = (struct canopy_surface_wish){
-        .scalar = a->scalar > 0 ? CANOPY_FX : CANOPY_F32, .direction = {0.0, 0.0, 1.0}, .fitting = {.tight = a->tight}};
+    *wish = (struct canopy_surface_wish){.scalar = a->scalar > 0 ? CANOPY_FX : CANOPY_F32,
+                                         .direction = {0.0, 0.0, 1.0},
+                                         .fitting = {.tight = a->tight, .packed = a->packed}};
     return read_grid(a->grid, wish->size, fault) && (!a->field || read_field(a->field, &wish->fitting.field, fault)) &&
            (!a->unit || read_unit(a->unit, &wish->unit, fault)) &&
            (!a->dir || read_direction(a->dir, wish->direction, fault)) &&
@@ -167,14 +176,14 @@ bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wis
 
 void canopy_wish_report(const struct canopy_surface_wish *wish, const struct canopy_loaded *loaded,
                         const struct canopy_surface_report *r, const char *output) {
-    char how[120], from[30] = "";
+    char how[140], from[40] = "";
     char windows[80] = "";
     if (r->windows > 0) {
         snprintf(windows, sizeof windows, " with %zu window%s (%zu coefficients)", r->windows,
                  r->windows > 1 ? "s" : "", r->coefficients);
     }
     if (wish->fitting.field) {
-        snprintf(from, sizeof from, " from field %u", wish->fitting.field);
+        snprintf(from, sizeof from, " from %sfield %u", wish->fitting.packed ? "packed " : "", wish->fitting.field);
     }
     snprintf(how, sizeof how, "fast%s", from);
     if (wish->fitting.tight) {

@@ -16,6 +16,7 @@ struct canopy_wish {
     const char *dir;
     const char *plane;
     const char *field;
+    bool packed;
     const char *frame;
     int scalar;  ///< -1: not told
     bool tight;

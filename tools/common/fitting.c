@@ -6,9 +6,9 @@
 #include "lib/cover/certify.h"
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
-#include "lib/cover/field.h"
 #include "lib/cover/free.h"
 #include "lib/cover/sandwich.h"
+#include "tools/common/fielding.h"
 #include "tools/common/stopwatch.h"
 #include "tools/common/tightening.h"
 
@@ -35,16 +35,6 @@ static struct resolution choose(const struct canopy_frame *f, const struct canop
     return (struct resolution){.cells = {1, cells}, .lines = 1};
 }
 
-static void feed(const struct canopy_turned *turned, struct canopy_field *field) {
-    // The union's two members share their representation with the arrays that the library takes. A point that the field
-    // refuses, the exact certificate still sees.
-    if (turned->scalar == CANOPY_F32) {
-        canopy_field_feed_f32(field, (const float(*)[3]) & turned->points[0].f32, turned->count);
-    } else {
-        canopy_field_feed_fx(field, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
-    }
-}
-
 /// As the device does it: the field's own certificate, coefficients raised where it finds something missing.
 static bool certify_field(const struct canopy_field *field, int32_t *coefficients, struct canopy_fault *fault) {
     const size_t bytes = CANOPY_CERTIFY_ARENA(field->frame.size[1], field->axis[0].cells, field->axis[1].cells);
@@ -65,11 +55,9 @@ static bool certify_field(const struct canopy_field *field, int32_t *coefficient
            canopy_fault_set(fault, "the field's certificate failed: choose another --grid or --field");
 }
 
-/// Feeds, solves and, from a field, certifies, in arenas that have been made.
-static bool solve(const struct canopy_turned *turned, bool from_field, struct canopy_field *field,
-                  struct canopy_fast *fast, int32_t *coefficients, struct canopy_fitting_report *report,
-                  struct canopy_fault *fault) {
-    feed(turned, field);
+/// Solves and, from a field that was asked for, certifies.
+static bool solve(bool from_field, const struct canopy_field *field, struct canopy_fast *fast, int32_t *coefficients,
+                  struct canopy_fitting_report *report, struct canopy_fault *fault) {
     if (canopy_fast_begin(fast, coefficients) != CANOPY_OK) {
         return canopy_fault_set(fault, "no point reaches the field: choose another --frame");
     }
@@ -116,9 +104,9 @@ static union canopy_device_point *exchange_points(const struct canopy_turned *tu
 
 /// The same with the axes exchanged, for a grid that is wider than it is long: the matrix is as wide as the second axis
 /// has coefficients, and 4 x 1024 would take minutes where 1024 x 4 takes a fifth of a second.
-static bool tighten_across(const struct canopy_turned *turned, const struct canopy_frame *frame, uint16_t field,
-                           int32_t *coefficients, int32_t *opposite, struct canopy_tightening_report *report,
-                           struct canopy_fault *fault) {
+static bool tighten_across(const struct canopy_turned *turned, const struct canopy_frame *frame,
+                           const struct canopy_fitting *fitting, int32_t *coefficients, int32_t *opposite,
+                           struct canopy_tightening_report *report, struct canopy_fault *fault) {
     const struct canopy_frame across = exchange(frame);
     const size_t count = (size_t)frame->size[0] * frame->size[1];
     struct canopy_turned exchanged = *turned;
@@ -133,7 +121,8 @@ static bool tighten_across(const struct canopy_turned *turned, const struct cano
         if (opposite) {
             transpose(opposite, frame->size, sides[1]);
         }
-        ok = canopy_tightening_run(&exchanged, &across, field, sides[0], opposite ? sides[1] : NULL, report, fault);
+        ok = canopy_tightening_run(&exchanged, &across, fitting->field, fitting->packed, sides[0],
+                                   opposite ? sides[1] : NULL, report, fault);
         transpose(sides[0], across.size, coefficients);
         if (opposite) {
             transpose(sides[1], across.size, opposite);
@@ -151,8 +140,9 @@ static bool tighten(const struct canopy_turned *turned, const struct canopy_fram
                     struct canopy_fitting_report *report, struct canopy_fault *fault) {
     struct canopy_tightening_report tightened;
     const bool wide = frame->size[1] > frame->size[0];
-    if (!(wide ? tighten_across : canopy_tightening_run)(turned, frame, fitting->field, coefficients, opposite,
-                                                         &tightened, fault)) {
+    if (!(wide ? tighten_across(turned, frame, fitting, coefficients, opposite, &tightened, fault)
+               : canopy_tightening_run(turned, frame, fitting->field, fitting->packed, coefficients, opposite,
+                                       &tightened, fault))) {
         return false;
     }
     report->iterations = tightened.iterations;
@@ -166,27 +156,28 @@ static bool fit(const struct canopy_turned *turned, const struct canopy_frame *f
                 const struct canopy_fitting *fitting, int32_t *coefficients, uint8_t *coverage,
                 struct canopy_fitting_report *report, struct canopy_fault *fault) {
     const struct resolution r = choose(frame, fitting);
-    const size_t field_bytes = CANOPY_FIELD_ARENA(frame->size[0], frame->size[1], r.cells[0], r.cells[1]);
     const size_t fast_bytes = CANOPY_FAST_ARENA(frame->size[0], frame->size[1], r.cells[1], r.lines);
-    void *field_arena = malloc(field_bytes);
+    struct canopy_fielding from;
+    *report = (struct canopy_fitting_report){0};
+    if (!canopy_fielding_open(&from, turned, frame, r.cells, fitting->packed, fault)) {
+        return false;
+    }
     void *fast_arena = malloc(fast_bytes);
-    struct canopy_field field;
     struct canopy_fast fast;
     bool ok = false;
-    *report = (struct canopy_fitting_report){0};
-    if (!field_arena || !fast_arena) {
+    if (!fast_arena) {
         canopy_fault_no_memory(fault);
-    } else if (canopy_field_init(&field, frame, r.cells, field_arena, field_bytes) != CANOPY_OK ||
-               canopy_fast_init(&fast, &field, turned->scalar, r.lines, fast_arena, fast_bytes) != CANOPY_OK) {
-        canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
+    } else if (canopy_fast_init(&fast, &from.field, turned->scalar, r.lines, fast_arena, fast_bytes) != CANOPY_OK) {
+        canopy_fault_set(fault, "%u lines a knot interval: give a divisor of the field's %u cells", r.lines,
+                         r.cells[0]);
     } else {
-        ok = solve(turned, fitting->field > 0, &field, &fast, coefficients, report, fault);
+        ok = solve(fitting->field > 0, &from.field, &fast, coefficients, report, fault);
         if (coverage) {
-            canopy_field_coverage(&field, coverage);
+            canopy_field_coverage(&from.field, coverage);
         }
     }
-    free(field_arena);
     free(fast_arena);
+    canopy_fielding_close(&from);
     return ok;
 }
 

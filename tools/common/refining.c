@@ -436,17 +436,17 @@ bool canopy_refining_points(const struct canopy_refining *refining, const struct
 
 struct from_field {
     struct canopy_surrogate *surrogate;
-    struct canopy_field field;
+    struct canopy_fielding cells;
     const int32_t *b;  ///< in the library's orientation
     struct canopy_certify base;
     struct canopy_refine_certify certify;
-    void *arena[3];
+    void *arena[2];
 };
 
 static bool gaps_of_field(void *context, const struct windows *windows, uint32_t *gaps, struct canopy_fault *fault) {
     struct from_field *from = context;
     (void)fault;
-    canopy_refine_gaps(&from->field, from->b, windows->list, windows->count, gaps);
+    canopy_refine_gaps(&from->cells.field, from->b, windows->list, windows->count, gaps);
     return true;
 }
 
@@ -454,16 +454,16 @@ static bool fit_to_field(void *context, struct windows *windows, const struct ca
                          struct canopy_fault *fault) {
     struct from_field *from = context;
     const struct canopy_refinement *window = &windows->list[windows->count - 1];
-    const size_t rows = CANOPY_REFINE_NODES(window->size[0], window->size[1], from->field.axis[0].cells,
-                                            from->field.axis[1].cells, window->level);
+    const size_t rows = CANOPY_REFINE_NODES(window->size[0], window->size[1], from->cells.field.axis[0].cells,
+                                            from->cells.field.axis[1].cells, window->level);
     const size_t bytes = CANOPY_REFINE_ARENA(window->size[0], window->size[1], rows);
     void *arena = malloc(bytes);
     if (!arena) {
         return canopy_fault_no_memory(fault);
     }
     struct canopy_refine refine;
-    enum canopy_status status =
-        canopy_refine_init(&refine, &from->field.frame, from->b, windows->list, windows->count, rows, arena, bytes);
+    enum canopy_status status = canopy_refine_init(&refine, &from->cells.field.frame, from->b, windows->list,
+                                                   windows->count, rows, arena, bytes);
     if (status == CANOPY_OK) {
         status = canopy_refine_field(&refine, &from->certify);
     }
@@ -474,37 +474,18 @@ static bool fit_to_field(void *context, struct windows *windows, const struct ca
     return conclude(status, request, fault) && (store_last(windows, from->surrogate) || canopy_fault_no_memory(fault));
 }
 
-/// The field of the points. One that the field refuses, the exact certificate sees.
-static bool fill(struct from_field *from, const struct canopy_turned *turned, const struct canopy_frame *frame,
-                 uint16_t cells, struct canopy_fault *fault) {
-    const uint16_t both[2] = {cells, cells};
-    const size_t bytes = CANOPY_FIELD_ARENA(frame->size[0], frame->size[1], cells, cells);
-    from->arena[0] = malloc(bytes);
-    if (!from->arena[0]) {
-        return canopy_fault_no_memory(fault);
-    }
-    if (canopy_field_init(&from->field, frame, both, from->arena[0], bytes) != CANOPY_OK) {
-        return canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or --field");
-    }
-    if (turned->scalar == CANOPY_F32) {
-        canopy_field_feed_f32(&from->field, (const float(*)[3]) & turned->points[0].f32, turned->count);
-    } else {
-        canopy_field_feed_fx(&from->field, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
-    }
-    return true;
-}
-
 /// The base's own certificate, which is known to hold, and the windows'.
 static bool certify_base(struct from_field *from, uint16_t cells, struct canopy_fault *fault) {
-    const size_t base = CANOPY_CERTIFY_ARENA(from->field.frame.size[1], cells, cells);
+    const size_t base = CANOPY_CERTIFY_ARENA(from->cells.field.frame.size[1], cells, cells);
     const size_t windows = CANOPY_REFINE_CERTIFY_ARENA(cells, cells);
-    from->arena[1] = malloc(base);
-    from->arena[2] = malloc(windows);
-    if (!from->arena[1] || !from->arena[2]) {
+    from->arena[0] = malloc(base);
+    from->arena[1] = malloc(windows);
+    if (!from->arena[0] || !from->arena[1]) {
         return canopy_fault_no_memory(fault);
     }
-    if (canopy_certify_init(&from->base, &from->field, from->arena[1], base) != CANOPY_OK ||
-        canopy_refine_certify_init(&from->certify, &from->field, &from->base, from->arena[2], windows) != CANOPY_OK) {
+    if (canopy_certify_init(&from->base, &from->cells.field, from->arena[0], base) != CANOPY_OK ||
+        canopy_refine_certify_init(&from->certify, &from->cells.field, &from->base, from->arena[1], windows) !=
+            CANOPY_OK) {
         return canopy_fault_set(fault, "--refine needs a field whose cells are whole quanta: leave --frame or --field "
                                        "out");
     }
@@ -521,8 +502,8 @@ static bool certify_all(struct from_field *from, const struct windows *windows, 
 }
 
 bool canopy_refining_field(const struct canopy_refining *refining, const struct canopy_turned *turned,
-                           const struct canopy_frame *frame, uint16_t cells, struct canopy_surrogate *surrogate,
-                           struct canopy_fault *fault) {
+                           const struct canopy_frame *frame, uint16_t cells, bool packed,
+                           struct canopy_surrogate *surrogate, struct canopy_fault *fault) {
     struct from_field from = {.surrogate = surrogate};
     struct ground ground = ground_of(surrogate);
     struct windows windows = {0};
@@ -535,12 +516,14 @@ bool canopy_refining_field(const struct canopy_refining *refining, const struct 
     }
     int32_t *b = ok ? take_coefficients(surrogate, fault) : NULL;
     from.b = b;
-    ok = b && fill(&from, turned, frame, cells, fault) && certify_base(&from, cells, fault) &&
-         add_all(refining, &ground, &supply, &windows, fault) && certify_all(&from, &windows, fault);
+    ok = b && canopy_fielding_open(&from.cells, turned, frame, (const uint16_t[2]){cells, cells}, packed, fault) &&
+         certify_base(&from, cells, fault) && add_all(refining, &ground, &supply, &windows, fault) &&
+         certify_all(&from, &windows, fault);
     free_windows(&windows);
     free(b);
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 2; k++) {
         free(from.arena[k]);
     }
+    canopy_fielding_close(&from.cells);
     return ok;
 }

@@ -42,7 +42,7 @@ bool canopy_refining_points(const struct canopy_refining *refining, const struct
 /// turned frame that the surrogate was fitted in: certified for every cell of the field, and of points to come. Its
 /// coefficients are, by canopy_certify. Memory: the field, and for each window CANOPY_REFINE_ARENA.
 bool canopy_refining_field(const struct canopy_refining *refining, const struct canopy_turned *turned,
-                           const struct canopy_frame *frame, uint16_t cells, struct canopy_surrogate *surrogate,
-                           struct canopy_fault *fault);
+                           const struct canopy_frame *frame, uint16_t cells, bool packed,
+                           struct canopy_surrogate *surrogate, struct canopy_fault *fault);
 
 #endif

@@ -178,7 +178,7 @@ static bool refine(const struct job *job, int side) {
     const double start = canopy_stopwatch_ms();
     const bool ok = wish->fitting.field
                         ? canopy_refining_field(&wish->refining, &job->turned, &job->frame[side], wish->fitting.field,
-                                                job->surrogate[side], job->fault)
+                                                wish->fitting.packed, job->surrogate[side], job->fault)
                         : canopy_refining_points(&wish->refining, &cloud, job->surrogate[side], job->fault);
     job->report[side]->fit_ms += canopy_stopwatch_ms() - start;
     bool outside;

@@ -4,17 +4,17 @@
 
 #include "lib/cover/certify.h"
 #include "lib/cover/envelope.h"
-#include "lib/cover/field.h"
 #include "lib/cover/sandwich.h"
 #include "lib/cover/tighten.h"
+#include "tools/common/fielding.h"
 
 struct job {
     const struct canopy_turned *turned;
     const struct canopy_frame *frame;
     struct canopy_tighten tighten;
-    struct canopy_field field;
+    struct canopy_fielding from;
     struct canopy_certify certify;
-    void *arena, *field_arena, *certify_arena;
+    void *arena, *certify_arena;
     int32_t *mirror;
 };
 
@@ -26,24 +26,10 @@ static enum canopy_status take_points(struct job *job) {
                : canopy_tighten_points_fx(&job->tighten, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
 }
 
-// What the field refuses, the exact certificate of the points still sees.
-static void feed(const struct canopy_turned *turned, struct canopy_field *field) {
-    if (turned->scalar == CANOPY_F32) {
-        canopy_field_feed_f32(field, (const float(*)[3]) & turned->points[0].f32, turned->count);
-    } else {
-        canopy_field_feed_fx(field, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
-    }
-}
-
 static enum canopy_status take_field(struct job *job, uint16_t q) {
-    const uint16_t m = job->frame->size[0], n = job->frame->size[1], cells[2] = {q, q};
-    enum canopy_status status =
-        canopy_field_init(&job->field, job->frame, cells, job->field_arena, CANOPY_FIELD_ARENA(m, n, q, q));
-    if (status == CANOPY_OK) {
-        feed(job->turned, &job->field);
-        status = canopy_certify_init(&job->certify, &job->field, job->certify_arena, CANOPY_CERTIFY_ARENA(n, q, q));
-    }
-    return status == CANOPY_OK ? canopy_tighten_field(&job->tighten, &job->field, &job->certify) : status;
+    const enum canopy_status status = canopy_certify_init(&job->certify, &job->from.field, job->certify_arena,
+                                                          CANOPY_CERTIFY_ARENA(job->frame->size[1], q, q));
+    return status == CANOPY_OK ? canopy_tighten_field(&job->tighten, &job->from.field, &job->certify) : status;
 }
 
 static enum canopy_status tighten(struct job *job, uint16_t q, const struct canopy_tighten_size *size, size_t bytes,
@@ -63,18 +49,20 @@ static enum canopy_status tighten(struct job *job, uint16_t q, const struct cano
 }
 
 bool canopy_tightening_run(const struct canopy_turned *turned, const struct canopy_frame *frame, uint16_t field,
-                           int32_t *coefficients, int32_t *opposite, struct canopy_tightening_report *report,
-                           struct canopy_fault *fault) {
+                           bool packed, int32_t *coefficients, int32_t *opposite,
+                           struct canopy_tightening_report *report, struct canopy_fault *fault) {
     const uint16_t m = frame->size[0], n = frame->size[1];
     const struct canopy_tighten_size size = {
         .points = field > 0 ? 0 : turned->count, .cells = {field, field}, .rows = (uint32_t)CANOPY_TIGHTEN_ROWS(m, n)};
     const size_t bytes = CANOPY_TIGHTEN_ARENA(m, n, field, field, size.points, size.rows);
     struct job job = {.turned = turned, .frame = frame};
+    if (field > 0 && !canopy_fielding_open(&job.from, turned, frame, size.cells, packed, fault)) {
+        return false;
+    }
     job.arena = malloc(bytes);
-    job.field_arena = malloc(CANOPY_FIELD_ARENA(m, n, field, field) + 1);
     job.certify_arena = malloc(CANOPY_CERTIFY_ARENA(n, field, field));
     job.mirror = malloc(CANOPY_COEFFICIENTS(m, n) * sizeof *job.mirror);
-    bool ok = (job.arena && job.field_arena && job.certify_arena && job.mirror) || canopy_fault_no_memory(fault);
+    bool ok = (job.arena && job.certify_arena && job.mirror) || canopy_fault_no_memory(fault);
     if (ok) {
         ok = tighten(&job, field, &size, bytes, coefficients, opposite) == CANOPY_OK ||
              canopy_fault_set(fault, "the points cannot be tightened in this frame: choose --method fast or another "
@@ -83,7 +71,7 @@ bool canopy_tightening_run(const struct canopy_turned *turned, const struct cano
         report->excess = (double)canopy_tighten_excess(&job.tighten);
     }
     free(job.arena);
-    free(job.field_arena);
+    canopy_fielding_close(&job.from);
     free(job.certify_arena);
     free(job.mirror);
     return ok;

@@ -15,12 +15,12 @@ struct canopy_tightening_report {
 };
 
 /// Tightens `coefficients`, in the library's orientation, as far as it goes: with `field` > 0 from a field of that many
-/// cells a knot interval, which the frame's pitches must be multiples of, else from the points. They need not be safe:
-/// they are raised first where they must be. `opposite`, if not NULL, is the other side's surface in its own
-/// orientation, which is kept clear of; it is lowered where it leaves no room. Memory: 12 bytes a point or the field,
-/// and CANOPY_TIGHTEN_ARENA with CANOPY_TIGHTEN_ROWS beside it.
+/// cells a knot interval, which the frame's pitches must be multiples of, of one byte each if it is `packed`; else from
+/// the points. They need not be safe: they are raised first where they must be. `opposite`, if not NULL, is the other
+/// side's surface in its own orientation, which is kept clear of; it is lowered where it leaves no room. Memory: 12
+/// bytes a point or the field, and CANOPY_TIGHTEN_ARENA with CANOPY_TIGHTEN_ROWS beside it.
 bool canopy_tightening_run(const struct canopy_turned *turned, const struct canopy_frame *frame, uint16_t field,
-                           int32_t *coefficients, int32_t *opposite, struct canopy_tightening_report *report,
-                           struct canopy_fault *fault);
+                           bool packed, int32_t *coefficients, int32_t *opposite,
+                           struct canopy_tightening_report *report, struct canopy_fault *fault);
 
 #endif
