@@ -8,8 +8,8 @@
 enum { HALVES = 7, HALVES_UNIT = 48 };  // Bernstein coefficients of two halves, which share one, and their unit
 _Static_assert(HALVES_UNIT *HALVES_UNIT == CANOPY_SANDWICH_UNITS, "once along u, once along v");
 
-// From b[h-1] … b[h+2] to the Bernstein coefficients of the halves of knot interval h, times 48: those of the interval
-// times 6, then de Casteljau at one half times 8. Once and again: below 2304 * 2^29 < 2^41.
+// From b[h-1] … b[h+2] to the Bernstein coefficients of the halves of knot interval h, times 48: those of the
+// interval times 6, then de Casteljau at one half times 8. Once and again: below 2304 * 2^29 < 2^41.
 static void to_halves(const int64_t b[4], int64_t to[HALVES]) {
     const int64_t p0 = b[0] + 4 * b[1] + b[2], p1 = 4 * b[1] + 2 * b[2];
     const int64_t p2 = 2 * b[1] + 4 * b[2], p3 = b[1] + 4 * b[2] + b[3], middle = p1 + p2;
@@ -27,8 +27,8 @@ static uint32_t clamped(uint32_t h, uint32_t a, uint32_t size) {  // h + a - 1, 
     return i < size ? i : size - 1;
 }
 
-// What two surfaces differ by over a row of knot cells: columns of coefficients, the ends repeated, along u in Bernstein
-// form.
+// What two surfaces differ by over a row of knot cells: columns of coefficients, the ends repeated, along u in
+// Bernstein form.
 struct difference {
     const int32_t *upper, *lower;
     const uint16_t *size;

@@ -45,7 +45,8 @@ static void end(const struct arguments *a, struct argp_state *state) {
         canopy_wish_end(w, state);
     } else if (!w->points) {
         argp_error(state, "give two surrogates: --check ABOVE.json BELOW.json");
-    } else if (a->output || w->grid || w->unit || w->dir || w->field || w->frame || w->scalar >= 0 || w->tight) {
+    } else if (a->output || w->grid || w->unit || w->dir || w->plane || w->field || w->frame || w->scalar >= 0 ||
+               w->tight) {
         argp_error(state, "--check takes two surrogates and no other option");
     }
 }
