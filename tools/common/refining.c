@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "lib/cover/certify.h"
+#include "tools/common/fielding.h"
 #include "tools/common/number.h"
 
 #define SHARE 4       // a window of its own choice is this part of the grid wide …
