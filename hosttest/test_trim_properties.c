@@ -1,7 +1,7 @@
 // Free coefficients and the trim over many random masks, against readings of their rules that share nothing with lib.
 //
-// Everything is exact: S over a cell is evaluated in whole numbers, places are multiples of an eighth of a knot interval,
-// areas and sides of lines are integers. CANOPY_CLOUDS sets how many masks, CANOPY_SEED=n runs that one.
+// Everything is exact: S over a cell is evaluated in whole numbers, places are multiples of an eighth of a knot
+// interval, areas and sides of lines are integers. CANOPY_CLOUDS sets how many masks, CANOPY_SEED=n runs that one.
 
 #include <setjmp.h>
 #include <stdarg.h>

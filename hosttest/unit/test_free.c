@@ -1,5 +1,5 @@
-// Two kinds of free: rows of a line without a node, which still shape the surface, and coefficients that nothing covered
-// can see, which may be anything. Many random fields in exact arithmetic: hosttest/test_trim_properties.c.
+// Two kinds of free: rows of a line without a node, which still shape the surface, and coefficients that nothing
+// covered can see, which may be anything. Many random fields in exact arithmetic: hosttest/test_trim_properties.c.
 
 #include "hosttest/unit/unit.h"
 #include "lib/arena.h"
@@ -174,8 +174,8 @@ UNIT(straight_is_a_line_over_a_gap_and_a_constant_beyond) {
     }
 }
 
-// A plane is without bending; over a hole the energy finds it again, and so do second differences. A slope that would go
-// on beyond the reach does not.
+// A plane is without bending; over a hole the energy finds it again, and so do second differences. A slope that would
+// go on beyond the reach does not.
 UNIT(bent_goes_on_over_a_hole_and_stops_at_the_reach) {
     struct canopy_free work;
     memset(seen, 0, sizeof seen);

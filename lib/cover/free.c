@@ -5,7 +5,8 @@
 
 // ---- What is seen
 
-// Whether one of the knot cells that (i, j) shapes is covered: cells i - 2 … i + 1, j - 2 … j + 1. It ends at the first.
+// Whether one of the knot cells that (i, j) shapes is covered: cells i - 2 … i + 1, j - 2 … j + 1. It ends at the
+// first.
 static bool is_seen(const uint16_t size[2], const uint8_t *coverage, uint32_t i, uint32_t j) {
     const uint32_t down = size[0] - 1U, across = size[1] - 1U;
     const uint32_t h1 = i + 2 < down ? i + 2 : down, w0 = j > 2 ? j - 2 : 0, w1 = j + 2 < across ? j + 2 : across;

@@ -77,8 +77,8 @@ enum canopy_status canopy_trim_height(const struct canopy_envelope *envelope, ui
 
 // ---- Outlines
 //
-// Around a knot there are eight octants, 0 from u towards v; direction d lies between octants d - 1 and d, and leads to a
-// neighbouring knot. A *wedge* is a run of filled octants; the outline comes in along its last direction and leaves
+// Around a knot there are eight octants, 0 from u towards v; direction d lies between octants d - 1 and d, and leads to
+// a neighbouring knot. A *wedge* is a run of filled octants; the outline comes in along its last direction and leaves
 // along its first, so that the inside is on the left. No wedge is narrower than a right angle and no gap than half of
 // one, so a knot has two wedges at most; where it has two, both are covered cells, and the knot is a *touching* one.
 //
@@ -103,8 +103,8 @@ static void clear_mark(struct canopy_trim_outline *outline, uint32_t knot, uint8
     outline->marks[knot / 2] = (uint8_t)(outline->marks[knot / 2] & ~((uint32_t)mark << (knot % 2 * 4)));
 }
 
-// What the cell on one side of a knot fills of its two octants, 1 for the one beside the u axis, 2 for the other. (a, b)
-// is the corner of the cell at which the knot is.
+// What the cell on one side of a knot fills of its two octants, 1 for the one beside the u axis, 2 for the other. The
+// knot is the cell's corner (a, b).
 static uint32_t fill_of(enum canopy_trim_shape shape, uint32_t a, uint32_t b) {
     if (shape <= CANOPY_TRIM_ALL) {
         return shape == CANOPY_TRIM_ALL ? 3 : 0;

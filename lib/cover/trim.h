@@ -10,9 +10,9 @@
 ///
 /// Outlines are closed polygons of knots, counter-clockwise seen with u to the right and v up, and holes are clockwise:
 /// the inside is always on the left. Corners are where the direction changes, and nowhere else. Every polygon is
-/// simple; two may touch at a corner, where covered cells meet diagonally and no triangle joins them. A piece that hangs
-/// together along edges is one counter-clockwise polygon and a clockwise one for each gap in it. What several pieces
-/// enclose that touch at corners only is no gap in any of them and has no polygon.
+/// simple; two may touch at a corner, where covered cells meet diagonally and no triangle joins them. A piece that
+/// hangs together along edges is one counter-clockwise polygon and a clockwise one for each gap in it. What several
+/// pieces enclose that touch at corners only is no gap in any of them and has no polygon.
 ///
 /// Removing specks and closing small holes changes what was seen; it is done on a copy of the mask, if it is asked for.
 #ifndef CANOPY_COVER_TRIM_H

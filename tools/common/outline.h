@@ -25,8 +25,8 @@ bool canopy_outline_make(const struct canopy_surrogate *surrogate, bool close, b
                          struct canopy_outline *outline, struct canopy_fault *fault);
 void canopy_outline_free(struct canopy_outline *outline);
 
-/// Whether (u, v), in knots, is inside: covered, or in the triangle of a cell that is cut. What is within 1e-9 of a knot
-/// interval of an edge counts as inside.
+/// Whether (u, v), in knots, is inside: covered, or in the triangle of a cell that is cut. What is within 1e-9 of a
+/// knot interval of an edge counts as inside.
 bool canopy_outline_holds(const struct canopy_outline *outline, double u, double v);
 
 #endif
