@@ -341,9 +341,10 @@ enum canopy_status canopy_extreme_find(const struct canopy_query_subject *subjec
     struct canopy_extreme search;
     enum canopy_status status =
         canopy_extreme_begin(&search, subject, rect, kind, tolerance, nodes, CANOPY_EXTREME_NODES);
-    if (status == CANOPY_OK) {
-        status = canopy_extreme_step(&search, budget);
+    if (status != CANOPY_OK) {
+        return status;
     }
+    status = canopy_extreme_step(&search, budget);
     if (status != CANOPY_OK && status != CANOPY_MORE) {
         return status;
     }

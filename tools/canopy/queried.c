@@ -129,9 +129,9 @@ static double rounded(const mpq_t x, bool upward) {
     const int sign = mpq_cmp(x, back);
     mpq_clear(back);
     if (upward) {
-        return sign > 0 ? nextafter(truncated, INFINITY) : truncated;
+        return sign > 0 ? nextafter(truncated, HUGE_VAL) : truncated;
     }
-    return sign < 0 ? nextafter(truncated, -INFINITY) : truncated;
+    return sign < 0 ? nextafter(truncated, -HUGE_VAL) : truncated;
 }
 
 /// sum += a * b
@@ -279,7 +279,7 @@ bool canopy_queried_window(const struct canopy_queried *queried, const struct ca
         inside = edge_of(s, axis, edges[2 * axis], false, &rect->low[axis]) && inside;
         inside = edge_of(s, axis, edges[2 * axis + 1], true, &rect->high[axis]) && inside;
     }
-    double low[2], high[2];
+    double low[2] = {0.0, 0.0}, high[2] = {0.0, 0.0};
     canopy_queried_place(queried, whole.low, low);
     canopy_queried_place(queried, whole.high, high);
     return inside || canopy_fault_set(fault,
@@ -331,7 +331,7 @@ bool canopy_queried_print(const struct canopy_queried_question *question, const 
                                                                  : &minus->high,
                                                  .plane = question->plane,
                                                  .covered = options->covered};
-    struct canopy_extreme_answer answer;
+    struct canopy_extreme_answer answer = {.found = false};
     if (!find(&subject, &rect, kind, budget, &answer, surface->path, fault)) {
         return false;
     }
@@ -349,6 +349,68 @@ bool canopy_queried_print(const struct canopy_queried_question *question, const 
     }
     putchar('\n');
     return true;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Planes
+
+/// x / step in 2^-16 steps, rounded down.
+static int64_t in_steps(mpq_t x, double step) {
+    mpq_t y;
+    mpz_t whole;
+    mpq_init(y);
+    mpz_init(whole);
+    mpq_set_d(y, step);
+    mpq_div(x, x, y);
+    mpq_mul_2exp(x, x, 16);
+    mpz_fdiv_q(whole, mpq_numref(x), mpq_denref(x));
+    const int64_t steps = mpz_get_si(whole);
+    mpz_clear(whole);
+    mpq_clear(y);
+    return steps;
+}
+
+/// The plane in device units above the frame's origin: its height at the corner u = v = 0, and its rise a knot interval.
+/// With o the origin along the axes: A (o0 + u p0) + B (o1 + v p1) + C / unit - o2.
+static void place_plane(const struct canopy_surrogate *s, const double abc[3], mpq_t plane[3]) {
+    mpq_t x;
+    mpq_init(x);
+    mpq_set_d(plane[0], abc[2]);
+    mpq_set_d(x, s->unit);
+    mpq_div(plane[0], plane[0], x);
+    for (int axis = 0; axis < 3; axis++) {
+        origin_along(x, s, axis);
+        multiply(x, axis < 2 ? abc[axis] : -1.0);
+        mpq_add(plane[0], plane[0], x);
+    }
+    for (int axis = 0; axis < 2; axis++) {
+        mpq_set_ui(plane[1 + axis], 0, 1);
+        add_product(plane[1 + axis], abc[axis], s->pitch[axis]);
+    }
+    mpq_clear(x);
+}
+
+bool canopy_queried_scale_plane(struct canopy_queried *surface, const double abc[3],
+                                struct canopy_queried_question *question, struct canopy_query_plane *plane) {
+    struct canopy_queried *const all[] = {surface};
+    const struct canopy_surrogate *s = &surface->surrogate;
+    mpq_t parts[3];
+    mpq_inits(parts[0], parts[1], parts[2], NULL);
+    place_plane(s, abc, parts);
+    const double far = fabs(mpq_get_d(parts[0])) + fabs(mpq_get_d(parts[1])) * ((double)s->size[0] - 1.0) +
+                       fabs(mpq_get_d(parts[2])) * ((double)s->size[1] - 1.0);
+    const bool ok = far < 1e300;
+    if (ok) {
+        question->step = canopy_queried_scale(all, 1, far * 1.0001);
+        plane->at_origin = in_steps(parts[0], question->step);
+        plane->rise[0] = in_steps(parts[1], question->step);
+        plane->rise[1] = in_steps(parts[2], question->step);
+        question->plane = plane;
+        // Each of the three is rounded by 2^-16 step, two of them times knot intervals.
+        question->slack = 1 + (int32_t)((s->size[0] + s->size[1]) >> 16);
+    }
+    mpq_clears(parts[0], parts[1], parts[2], NULL);
+    return ok;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------

@@ -75,6 +75,11 @@ struct canopy_queried_question {
     int32_t slack;
 };
 
+/// Makes the envelopes of a surface in a step that is good for the plane of height A U + B V + C too, in input units, and
+/// both part of the question. False: the plane is too far away for any.
+bool canopy_queried_scale_plane(struct canopy_queried *surface, const double abc[3],
+                                struct canopy_queried_question *question, struct canopy_query_plane *plane);
+
 /// Finds and prints the highest or the lowest, one line: NAME BOUND attained VALUE at U V.
 bool canopy_queried_print(const struct canopy_queried_question *question, const struct canopy_queried_options *options,
                           enum canopy_extreme_kind kind, const char *name, struct canopy_fault *fault);

@@ -194,7 +194,7 @@ static bool find_box(const struct job *job, const struct canopy_frame *frame, st
 /// else those that grow it least.
 static bool choose_frame(const struct canopy_frame *old, const struct canopy_query_rect *box, const uint16_t size[2],
                          struct canopy_frame *frame) {
-    double least = INFINITY;
+    double least = HUGE_VAL;
     for (uint16_t cells = 16; cells >= 1; cells--) {
         const struct canopy_grid grid = {.size = {size[0], size[1]}, .cells = cells};
         struct canopy_frame made;
@@ -343,14 +343,14 @@ static void make_heights_fit(struct job *job) {
     for (size_t i = 0; i < count; i++) {
         largest = fmax(largest, fabs((double)outer(job)->coefficients[i]));
     }
-    if (largest > CANOPY_HEIGHT_LIMIT / 2) {
+    if (largest > CANOPY_HEIGHT_LIMIT * 0.5) {
         job->step = canopy_queried_scale(all, 1, 16.0 * largest * job->step);
     }
 }
 
 static bool fit_above(struct job *job) {
     struct canopy_envelope old = *outer(job);
-    struct canopy_query_rect box;
+    struct canopy_query_rect box = {.low = {0, 0}};
     double quantum;
     if (!find_quantum(job, &quantum)) {
         return canopy_fault_set(job->fault,
@@ -401,7 +401,7 @@ static bool store(struct job *job) {
     out->lsb = job->step;
     out->coefficients = malloc(count * sizeof *out->coefficients);
     out->trim = malloc(cells);
-    if (!out->coefficients || !out->trim) {
+    if (!out->coefficients || !out->trim || !job->now.coefficients) {
         return canopy_fault_no_memory(job->fault);
     }
     for (size_t i = 0; i < count; i++) {
