@@ -21,7 +21,8 @@
 /// than the highest. Straight and bent are found by relaxation (successive over-relaxation, projected on the reach),
 /// which can stop after any step. It ends by itself when no coefficient moves by more than 2^-10 (bent: 2^-16) of the
 /// reach's width, or after CANOPY_FREE_SWEEPS (bent: CANOPY_FREE_BENT_SWEEPS) sweeps over the grid. Straight, a hole 16
-/// coefficients wide is then filled to half a per cent of the reach, one of 64 to 5 %; wider ones keep more of the seam.
+/// coefficients wide is then filled to half a per cent of the reach, one of 64 to 5 %; wider ones keep more of the
+/// seam.
 ///
 ///     canopy_free_see(size, envelope.coverage, seen);
 ///     if (canopy_free_begin(&work, size, seen, coefficients) == CANOPY_OK) {
