@@ -370,8 +370,8 @@ static int64_t in_steps(mpq_t x, double step) {
     return steps;
 }
 
-/// The plane in device units above the frame's origin: its height at the corner u = v = 0, and its rise a knot interval.
-/// With o the origin along the axes: A (o0 + u p0) + B (o1 + v p1) + C / unit - o2.
+/// The plane in device units above the frame's origin: its height at the corner u = v = 0, and its rise a knot
+/// interval. With o the origin along the axes: A (o0 + u p0) + B (o1 + v p1) + C / unit - o2.
 static void place_plane(const struct canopy_surrogate *s, const double abc[3], mpq_t plane[3]) {
     mpq_t x;
     mpq_init(x);

@@ -75,8 +75,8 @@ struct canopy_queried_question {
     int32_t slack;
 };
 
-/// Makes the envelopes of a surface in a step that is good for the plane of height A U + B V + C too, in input units, and
-/// both part of the question. False: the plane is too far away for any.
+/// Makes the envelopes of a surface in a step that is good for the plane of height A U + B V + C too, in input units,
+/// and both part of the question. False: the plane is too far away for any.
 bool canopy_queried_scale_plane(struct canopy_queried *surface, const double abc[3],
                                 struct canopy_queried_question *question, struct canopy_query_plane *plane);
 
