@@ -218,7 +218,9 @@ def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, scene):  # noqa:
     ("POINTS",), ("--grid", "8x8"), ("POINTS", "--grid", "8x8", "--side", "above"),
     ("POINTS", "POINTS", "--grid", "8x8"), ("POINTS", "--grid", "8x8", "--method", "loose"),
     ("POINTS", "--grid", "8x8", "--frame", "x.json", "--dir", "1,1,1"),
-    ("--check", "POINTS"), ("--check", "POINTS", "POINTS", "-o", "x"), ("--check", "POINTS", "POINTS", "--grid", "8x8"),
+    ("--check", "POINTS", "POINTS", "--field", "4"), ("--check", "POINTS", "POINTS", "--scalar", "f32"),
+    ("--check", "POINTS", "POINTS", "--method", "tight"), ("--check", "POINTS"),
+    ("--check", "POINTS", "POINTS", "-o", "x"), ("--check", "POINTS", "POINTS", "--grid", "8x8"),
 ])
 def test_wrong_usage(tmp_path, scene, arguments):  # noqa: F811
     done = canopy("sandwich", *(scene if a == "POINTS" else a for a in arguments))

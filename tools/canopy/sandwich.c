@@ -39,14 +39,22 @@ struct arguments {
     const char *check;
 };
 
+/// Nothing but an operand, whatever options there are. Both have been cleared to the last byte.
+static bool is_bare(const struct canopy_wish *wish) {
+    struct canopy_wish bare;
+    memset(&bare, 0, sizeof bare);
+    bare.points = wish->points;
+    bare.scalar = -1;
+    return memcmp(wish, &bare, sizeof bare) == 0;
+}
+
 static void end(const struct arguments *a, struct argp_state *state) {
     const struct canopy_wish *w = &a->wish;
     if (!a->check) {
         canopy_wish_end(w, state);
     } else if (!w->points) {
         argp_error(state, "give two surrogates: --check ABOVE.json BELOW.json");
-    } else if (a->output || w->grid || w->unit || w->dir || w->plane || w->field || w->frame || w->scalar >= 0 ||
-               w->tight) {
+    } else if (a->output || !is_bare(w)) {
         argp_error(state, "--check takes two surrogates and no other option");
     }
 }
@@ -172,7 +180,9 @@ static bool run(const struct arguments *a, struct canopy_surrogate *frame, struc
 }
 
 int canopy_command_sandwich(int argc, char **argv) {
-    struct arguments arguments = {.wish = {.scalar = -1}};
+    struct arguments arguments;
+    memset(&arguments, 0, sizeof arguments);
+    arguments.wish.scalar = -1;
     const struct argp_child children[] = {{&canopy_wish_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {.options = OPTIONS,
                               .parser = parse,
