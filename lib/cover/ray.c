@@ -389,8 +389,8 @@ enum canopy_status canopy_ray_cast(const struct canopy_envelope *envelope, const
 static int smaller(int a, int b) { return a < b ? a : b; }
 
 // A line that starts in the frame's columns is decided when it has left them or is beyond all heights. One that starts
-// beside must go on until it has left them, however low it is by then.
-bool canopy_ray_reach(const struct canopy_ray_line *line, const int runs[3], int *log2, int *coarser) {
+// beside must go on until it has left them, however low it is by then (but for CANOPY_RAY_HEIGHT_MOST).
+void canopy_ray_reach(const struct canopy_ray_line *line, const int runs[3], int *log2, int *coarser) {
     const int sideways = smaller(runs[0], runs[1]);
     bool beside = false;
     for (int a = 0; a < 2; a++) {
@@ -399,8 +399,7 @@ bool canopy_ray_reach(const struct canopy_ray_line *line, const int runs[3], int
     *coarser = 0;
     *log2 = smaller(sideways, runs[2]);
     if (beside && sideways < CANOPY_RAY_NEVER && runs[2] < sideways) {
-        *coarser = sideways - runs[2];
-        *log2 = sideways;
+        *coarser = smaller(sideways - runs[2], CANOPY_RAY_HEIGHT_MOST - line->height_log2);
+        *log2 = runs[2] + *coarser;
     }
-    return line->height_log2 + *coarser <= CANOPY_RAY_HEIGHT_MOST;
 }

@@ -77,9 +77,9 @@ struct canopy_ray_hit {
 /// A line in integers: what both scalars become, and what a program with coordinates of its own makes. From `from` on;
 /// lateral units are such that the frame is `width` wide, from 0; a unit of height is 2^height_log2 steps above the
 /// frame's origin.
+///
 /// |from|, |to| < 2^42, width 1 to 2^40, height_log2 -10 to 18. The finer the better: width from 2^39 on makes the
-/// rounding of positions vanish against the other errors. A ray that is no segment must go on to where it has left
-/// the frame sideways or 2^29 steps up or down, or so far that it never can enter.
+/// rounding of positions vanish against the other errors. A ray that is no segment must go on as canopy_ray_reach says.
 struct canopy_ray_line {
     int64_t from[3], to[3];
     int64_t width[2];
@@ -94,11 +94,11 @@ struct canopy_ray_line {
 #define CANOPY_RAY_HEIGHT_LEAST -10  ///< of height_log2
 #define CANOPY_RAY_HEIGHT_MOST 18
 
-/// How far a ray's line must go on: `log2` of its last t. `line` has from, width and height_log2; runs[a] is the log2 of
-/// the t at which axis a has run 2^CANOPY_RAY_FAST. A ray that starts beside the frame must go on until it has left the
-/// frame's columns however high it is by then: `coarser` says by how many bits the unit of heights must grow for that.
-/// False: by too many; the ray's place in the frame cannot be known.
-bool canopy_ray_reach(const struct canopy_ray_line *line, const int runs[3], int *log2, int *coarser);
+/// How far a ray's line must go on: `log2` of its last t. `line` has from, width and height_log2; runs[a] is the log2
+/// of the t at which axis a has run 2^CANOPY_RAY_FAST. A ray that starts beside the frame must go on until it has left
+/// the frame's columns, however low it is by then: `coarser` says by how many bits the unit of heights must grow for
+/// that. It goes on for 2^58 steps at least, 2^34 times the range of the data: what is deeper is not followed.
+void canopy_ray_reach(const struct canopy_ray_line *line, const int runs[3], int *log2, int *coarser);
 
 /// Lines from a point in a direction. Coordinates are along the frame's axes from its origin: axes (p - origin).
 /// _fx: whole quanta; |from| <= CANOPY_RAY_FX_MAX, else CANOPY_RAY_TOO_FAR.

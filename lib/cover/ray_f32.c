@@ -81,9 +81,7 @@ enum canopy_ray_outcome canopy_ray_line_f32(const struct canopy_frame *frame, co
     for (int a = 0; a < 3; a++) {
         runs[a] = along[a] == 0.0f ? CANOPY_RAY_NEVER : CANOPY_RAY_FAST - scale[a] - exponent(along[a]);
     }
-    if (!canopy_ray_reach(line, runs, &log2, &coarser)) {
-        return CANOPY_RAY_TOO_FAR;
-    }
+    canopy_ray_reach(line, runs, &log2, &coarser);
     scale[2] -= coarser;
     line->height_log2 = (int16_t)(line->height_log2 + coarser);
     line->from[2] = whole(from[2], scale[2], line);

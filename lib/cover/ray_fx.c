@@ -65,9 +65,7 @@ enum canopy_ray_outcome canopy_ray_line_fx(const struct canopy_frame *frame, con
     if (along[0] == 0 && along[1] == 0 && along[2] == 0) {
         return CANOPY_RAY_NO_DIRECTION;
     }
-    if (!canopy_ray_reach(line, runs, &log2, &coarser)) {
-        return CANOPY_RAY_TOO_FAR;
-    }
+    canopy_ray_reach(line, runs, &log2, &coarser);
     scale[2] -= coarser;
     line->height_log2 = (int16_t)(line->height_log2 + coarser);
     line->from[2] = scaled(from[2], scale[2], line);

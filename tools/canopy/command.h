@@ -21,6 +21,7 @@ int canopy_command_window(int argc, char **argv);
 int canopy_command_clearance(int argc, char **argv);
 int canopy_command_volume(int argc, char **argv);
 int canopy_command_diff(int argc, char **argv);
+int canopy_command_ray(int argc, char **argv);
 int canopy_command_regrid(int argc, char **argv);
 int canopy_command_plot(int argc, char **argv);
 

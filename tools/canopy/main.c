@@ -20,6 +20,7 @@ static const struct {
     {"trim", canopy_command_trim, "the outline of what a surface covers, as numbers or a drawing"},
     {"window", canopy_command_window, "the guaranteed highest and lowest of the surface over a window"},
     {"clearance", canopy_command_clearance, "the guaranteed distance between two surfaces, or to a plane"},
+    {"ray", canopy_command_ray, "where rays first hit the surface; which segments are surely free"},
     {"volume", canopy_command_volume, "the volume between a surface and a height, or another surface"},
     {"diff", canopy_command_diff, "what changed between two surfaces: rise, fall, coverage"},
     {"regrid", canopy_command_regrid, "the same surface on a finer or coarser grid, on the safe side"},
