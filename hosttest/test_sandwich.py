@@ -50,7 +50,7 @@ def difference_is_nowhere_negative(files, per_cell=3):
 
 
 OPTIONS = [(), ("--scalar", "fx"), ("--field", "4"), ("--field", "5", "--scalar", "fx"), ("--method", "tight"),
-           ("--method", "tight", "--scalar", "fx"), ("--method", "tight", "--field", "4"),
+           ("--method", "tight", "--scalar", "fx"), ("--method", "tight", "--field", "4"), ("--field", "6", "--packed"),
            ("--dir", "1,2,3"), ("--dir", "0.3,-0.2,-1", "--method", "tight"),
            ("--dir", "0.3,-0.2,-1", "--scalar", "fx", "--field", "3"), ("--unit", "0.25")]
 
