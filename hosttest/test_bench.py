@@ -52,6 +52,15 @@ def test_times_are_there_and_their_multiples_fit(result):
             assert way["whole"]["median_us"] > way["fit"]["median_us"] + way["certificate"]["median_us"]
 
 
+def test_rays_are_counted_where_they_were_cast(result):
+    for way in result[0]["scenes"][0]["ways"]:
+        assert ("rays" in way) == (way["field"] == 0)
+        if "rays" in way:
+            rays = way["rays"]
+            assert rays["ns_per_ray"] * rays["per_second"] == pytest.approx(1e9) and 0 < rays["most_steps"] <= 12
+            assert 10 < rays["hits_pct"] < 100 and 1 < rays["cells_per_ray"] < 20
+
+
 def test_nothing_is_tighter_than_the_optimum_of_its_space(result):
     scene = result[0]["scenes"][0]
     rows = {row["name"].split(",")[0]: row for row in scene["peers"]}

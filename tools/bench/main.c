@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "tools/bench/floor.h"
+#include "tools/bench/rays.h"
 #include "tools/bench/series.h"
 #include "tools/common/load.h"
 #include "tools/common/surface.h"
@@ -47,6 +48,7 @@ struct result {
     struct canopy_series field;           ///< the field's certificate
     struct canopy_series certificate;     ///< one exact pass over the points
     struct canopy_series whole;           ///< all of it, to the certified surrogate in memory
+    struct canopy_bench_rays rays;        ///< on the surface, where it comes from the points
 };
 
 struct bench {
@@ -205,7 +207,9 @@ static bool run_round(struct bench *bench, struct canopy_fault *fault) {
         if (!run_way(bench, way, &surrogate, fault)) {
             return false;
         }
-        const bool ok = !first || !bench->save || save(bench, number++, &surrogate, fault);
+        bool ok = !first || !bench->save || save(bench, number++, &surrogate, fault);
+        ok = ok && (WAYS[way].field > 0 || canopy_bench_rays(&surrogate, &bench->results[way].rays) ||
+                    canopy_fault_set(fault, "out of memory for rays: close other programs"));
         canopy_surrogate_free(&surrogate);
         if (!ok) {
             return false;
@@ -270,7 +274,9 @@ static json_t *report_way(const struct bench *bench, size_t way) {
         "max_gap_pct", canopy_exact_max_gap(exact), "margin", exact->margin, "wrong", (json_int_t)exact->wrong,
         "outside", (json_int_t)exact->outside, "decided_by_gmp", (json_int_t)exact->decided_by_gmp, "solves",
         (int)r->report.fitting.iterations, "unsettled", (int)r->report.fitting.unsettled);
-    if (WAYS[way].field) {
+    if (!WAYS[way].field) {
+        json_object_set_new(report, "rays", canopy_bench_rays_report(&r->rays));
+    } else {
         json_object_set_new(report, "field_certificate", canopy_series_report(&r->field, floor, count));
     }
     return report;

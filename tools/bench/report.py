@@ -48,6 +48,12 @@ def scene(result):
     if field:
         lines += [f"The certificate that a device takes from its field (Q = 4), without any point: {min(field):.2f} to "
                   f"{max(field):.2f} floors.", ""]
+    for way in result["ways"]:
+        if "rays" in way:
+            rays = way["rays"]
+            lines += [f"Rays, {way['scalar']}, on that surface: {rays['ns_per_ray']:,.0f} ns each, {rays['per_second'] / 1e6:.2f} million a "
+                      f"second; {rays['hits_pct']:.0f} % hit, {rays['cells_per_ray']:.1f} cells a ray, at most "
+                      f"{rays['most_steps']} root-finder steps in a cell.", ""]
     return lines
 
 
@@ -78,6 +84,8 @@ def goals(result):
             if way["field"] == 0:
                 goal(f"bun000, {way['name']}: fit, x floor", way["fit"]["floors"], FIT_MOST)
                 goal(f"bun000, {way['name']}: certificate, x floor", way["certificate"]["floors"], CERTIFICATE_MOST)
+                goal(f"bun000, {way['name']}: ns a ray, a million a second", way["rays"]["ns_per_ray"], 1000)
+                goal(f"bun000, {way['name']}: root-finder steps a cell", way["rays"]["most_steps"], 12)
                 goal(f"bun000, {way['name']}: mean gap %, the paper's read literally", way["mean_gap_pct"], literal)
     for scalar in (0, 1) if len(result["clouds"]) > 1 else ():
         floors = {r["points"]: r["ways"][scalar]["fit"]["floors"] for r in result["clouds"]}
