@@ -8,6 +8,7 @@
 #define BURIED 200.0f  // largest 1/slack of a first iterate that is of use
 #define RIDGE 1e-6f    // added to the matrix, of its mean diagonal
 #define CORRECTORS 2   // centrality correctors an iteration, at most
+#define LONG 0.8f      // steps that need none
 #define AIM 0.3f       // by how much longer a step a corrector aims at …
 #define WORTH 0.1f     // … and which part of it makes it worth taking
 #define SHORT 0.95f    // how much of the way to the boundary is gone
@@ -201,6 +202,27 @@ static void step_reach(struct canopy_tighten *t) {
     }
 }
 
+// False where rounding has eaten the step: it leads out of the reach, or nowhere.
+static bool is_sound(const struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
+    for (size_t j = 0; j < count; j++) {
+        const float x = t->x[j] + t->alpha[0] * t->step[j];
+        if (!(x >= CANOPY_TIGHTEN_FLOOR && x <= CANOPY_TIGHTEN_CEILING)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static void begin_look(struct canopy_tighten *t) {
+    if (is_sound(t)) {
+        canopy_tighten_drop_rows(t);
+        canopy_tighten_go(t, CANOPY_TIGHTEN_LOOK);
+    } else {
+        canopy_tighten_begin_bend(t);
+    }
+}
+
 static void begin_centre(struct canopy_tighten *t) {
     for (int k = 0; k < 2; k++) {
         t->aim[k] = smaller(t->alpha[k] + AIM, 1.0f);
@@ -213,7 +235,11 @@ void canopy_tighten_finish_step(struct canopy_tighten *t) {
     for (int k = 0; k < 2; k++) {
         t->alpha[k] = shortened(t->most[k]);
     }
-    begin_centre(t);
+    if (t->alpha[0] > LONG && t->alpha[1] > LONG) {
+        begin_look(t);
+    } else {
+        begin_centre(t);
+    }
 }
 
 // What brings the product of slack and dual after a step into reach of the centre, limited (Gondzio).
@@ -240,27 +266,6 @@ void canopy_tighten_finish_centre(struct canopy_tighten *t) {
 void canopy_tighten_recentre(struct canopy_tighten *t) {
     solve(t, t->affine);
     canopy_tighten_go(t, CANOPY_TIGHTEN_TRY);
-}
-
-// False where rounding has eaten the step: it leads out of the reach, or nowhere.
-static bool is_sound(const struct canopy_tighten *t) {
-    const size_t count = canopy_tighten_coefficients(t);
-    for (size_t j = 0; j < count; j++) {
-        const float x = t->x[j] + t->alpha[0] * t->step[j];
-        if (!(x >= CANOPY_TIGHTEN_FLOOR && x <= CANOPY_TIGHTEN_CEILING)) {
-            return false;
-        }
-    }
-    return true;
-}
-
-static void begin_look(struct canopy_tighten *t) {
-    if (is_sound(t)) {
-        canopy_tighten_drop_rows(t);
-        canopy_tighten_go(t, CANOPY_TIGHTEN_LOOK);
-    } else {
-        canopy_tighten_begin_bend(t);
-    }
 }
 
 // A correction is taken if it lengthens the steps by a tenth of what it aimed at.

@@ -5,7 +5,8 @@
 #include "lib/cover/tighten_f32.h"
 
 #define DUAL_LEAST 1e-30f
-#define BLOCKS 8  // in one unit of work
+#define SHARE_LEAST 1e-6f  // of the largest of a knot cell: less is not felt in the matrix
+#define BLOCKS 8           // in one unit of work
 
 static const uint8_t PAIR[4][4] = {{0, 1, 2, 3}, {1, 4, 5, 6}, {2, 5, 7, 8}, {3, 6, 8, 9}};
 enum { PAIRS = 10, PAIRS_ROOM = 12 };  // products of two of an axis' four weights
@@ -147,6 +148,7 @@ struct sums {
     uint8_t wanted;                   // how many of the next
     bool squares;                     // whether the last is wanted
     float sum[2][4][4];               // of r times weights
+    float largest;                    // r[1] of the cell
     float square[PAIRS][PAIRS_ROOM];  // of r[1] times products of two weights
 };
 
@@ -192,6 +194,7 @@ static void turn_to(struct canopy_tighten *t, struct sums *from, uint32_t cell) 
     if (from->squares) {
         add_to_matrix(t, from, patch.index);
         memset(from->square, 0, sizeof from->square);
+        from->largest = 0;
     }
     from->cell = cell;
 }
@@ -214,7 +217,8 @@ static void add_row(struct sums *to, const float u[4], const float v[4], float r
             }
         }
     }
-    if (to->squares && r1 > 0.0f) {
+    if (to->squares && r1 > SHARE_LEAST * to->largest) {
+        to->largest = larger(to->largest, r1);
         float uu[PAIRS_ROOM], vv[PAIRS_ROOM];
         find_pairs(u, uu);
         find_pairs(v, vv);
