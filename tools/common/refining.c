@@ -266,36 +266,61 @@ static int32_t locate(const struct points *points, size_t index, uint32_t interv
     return (int32_t)fmax(fmin(steps, 1 << 30), -CANOPY_HEIGHT_LIMIT);
 }
 
+/// What a quarter of a knot cell along each axis has of points: how many, and their least gap, in steps.
+struct quarter {
+    double least;
+    uint32_t count;
+};
+
+/// Gathers the points' gaps. Those of the surface so far are in points->heights.
+static void gather(const struct points *points, struct quarter *quarters) {
+    const struct canopy_surrogate *s = points->surrogate;
+    const double sign = s->side == CANOPY_ABOVE ? 1.0 : -1.0;
+    for (size_t p = 0; p < points->cloud->count; p++) {
+        uint32_t interval[2];
+        float at[2];
+        size_t part[2];
+        const int32_t height = locate(points, p, interval, at);
+        const double gap = fmax(sign * points->heights[p] / s->lsb - (double)height, 0.0);
+        for (int a = 0; a < 2; a++) {
+            part[a] = (size_t)interval[a] * 4 + (size_t)fminf(at[a] * 4.0F, 3.0F);
+        }
+        struct quarter *quarter = &quarters[part[0] * 4 * (s->size[1] - 1) + part[1]];
+        quarter->least = quarter->count > 0 ? fmin(quarter->least, gap) : gap;
+        quarter->count++;
+    }
+}
+
+/// What finer knots may win: the gap that all points of a quarter cell have in common. (The mean gap alone is large at
+/// silhouettes, too, where no smooth surface can come nearer.)
+static void sum_up(const struct canopy_surrogate *s, const struct quarter *quarters, uint32_t *gaps) {
+    const size_t columns = s->size[1] - 1, cells = (s->size[0] - 1) * columns;
+    double all = 0.0;
+    for (size_t q = 0; q < 16 * cells; q++) {
+        all += quarters[q].least * quarters[q].count;
+    }
+    memset(gaps, 0, cells * sizeof *gaps);
+    for (size_t q = 0; all > 0.0 && q < 16 * cells; q++) {
+        const size_t row = q / (4 * columns) / 4, column = q % (4 * columns) / 4;
+        gaps[row * columns + column] += (uint32_t)(quarters[q].least * quarters[q].count / all * 4e9);
+    }
+}
+
 static bool gaps_of_points(void *context, const struct windows *windows, uint32_t *gaps, struct canopy_fault *fault) {
     struct points *points = context;
     (void)windows;  // they are in the surrogate
-    struct canopy_exact *exact = canopy_exact_open(points->surrogate);
-    const size_t cells = (size_t)(points->surrogate->size[0] - 1) * (points->surrogate->size[1] - 1);
-    double *sums = calloc(cells, sizeof *sums);
-    if (!exact || !sums) {
-        canopy_exact_close(exact);
-        free(sums);
-        return canopy_fault_no_memory(fault);
+    const struct canopy_surrogate *s = points->surrogate;
+    struct canopy_exact *exact = canopy_exact_open(s);
+    struct quarter *quarters = calloc((size_t)16 * (s->size[0] - 1) * (s->size[1] - 1), sizeof *quarters);
+    const bool ok = exact && quarters;
+    if (ok) {
+        canopy_exact_heights(exact, points->cloud, points->heights);
+        gather(points, quarters);
+        sum_up(s, quarters, gaps);
     }
-    canopy_exact_heights(exact, points->cloud, points->heights);
     canopy_exact_close(exact);
-    const double sign = points->surrogate->side == CANOPY_ABOVE ? 1.0 : -1.0;
-    double all = 0.0;
-    for (size_t p = 0; p < points->cloud->count; p++) {
-        uint32_t interval[2];
-        float s[2];
-        const int32_t height = locate(points, p, interval, s);
-        const double gap = sign * points->heights[p] / points->surrogate->lsb - (double)height;
-        if (gap > 0.0) {  // NAN: not covered
-            sums[(size_t)interval[0] * (points->surrogate->size[1] - 1) + interval[1]] += gap;
-            all += gap;
-        }
-    }
-    for (size_t c = 0; c < cells; c++) {
-        gaps[c] = all > 0.0 ? (uint32_t)(sums[c] / all * 4e9) : 0;
-    }
-    free(sums);
-    return true;
+    free(quarters);
+    return ok || canopy_fault_no_memory(fault);
 }
 
 static enum canopy_status add_points(const struct points *points, struct canopy_refine *refine) {
