@@ -4,6 +4,7 @@ Scenes are made here from a seed. Where ../shared is present, the referee there 
 real scans are fitted.
 """
 
+import itertools
 import json
 import math
 import os
@@ -272,6 +273,21 @@ def test_frame_of_a_turned_one(tmp_path, scene):
         second, _ = fit(tmp_path, scene, "--frame", first, "--scalar", scalar, name="second.json")
         verdict = judge(second, scene)
         assert verdict is None or verdict["wrong_side"] == verdict["outside_frame"] == 0
+
+
+def test_frame_of_another_with_every_method(tmp_path):
+    """All points at the very edge of a turned frame, and frames whose pitches no float or cell divides."""
+    edge = write_points(tmp_path / "edge.xyz", [(1073740032 + 128 * i, 44, -9 + 300 * (i % 2)) for i in range(10)])
+    frames = [fit(tmp_path, edge, "--dir=1,-2.2e-8,1.4e-8", grid="9x9", name="turned.json")[0],
+              fit(tmp_path, edge, "--field", "7", grid="9x9", name="seven.json")[0],
+              fit(tmp_path, edge, "--field", "5", "--scalar", "fx", "--unit", "1", grid="9x9", name="fx.json")[0]]
+    for frame, scalar in itertools.product(frames, ("f32", "fx")):
+        for options in ((), ("--method", "tight"), ("--field", "8"), ("--side", "below", "--field", "3")):
+            out, _ = fit(tmp_path, edge, "--frame", frame, "--scalar", scalar, *options, grid="9x9")
+            assert json.loads(out.read_text())["frame"] == json.loads(frame.read_text())["frame"]
+            assert canopy("check", out, edge).returncode == 0
+            verdict = judge(out, edge)
+            assert verdict is None or verdict["wrong_side"] == verdict["outside_frame"] == 0
 
 
 def test_no_output_only_prints(tmp_path, scene):

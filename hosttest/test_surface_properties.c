@@ -221,13 +221,6 @@ static void judge_copy(const struct scene *s, const struct canopy_surrogate *sur
     judge(s, &copy, "as fitted");
 }
 
-// In fixed point a cell of a field is at least a device unit wide: a file's frame may be too narrow for another field.
-static bool has_no_room(const struct scene *s) {
-    const struct canopy_surrogate *frame = s->wish.frame;
-    return frame != NULL && s->wish.scalar == CANOPY_FX &&
-           fmin(frame->pitch[0], frame->pitch[1]) < s->wish.fitting.field;
-}
-
 static void fit_and_judge(const struct scene *s, struct canopy_surrogate *back) {
     struct canopy_surrogate surrogate;
     struct canopy_surface_report report;
@@ -255,10 +248,7 @@ static void use_frame(struct scene *s, const struct canopy_surrogate *frame) {
         }
     }
     s->wish.frame = frame;
-    do {
-        make_fitting(s);
-    } while (has_no_room(s));
-    s->wish.fitting.tight = false;  // it asks for cell edges of 24 bits, which a file's frame need not have
+    make_fitting(s);
     struct canopy_surrogate back;
     fit_and_judge(s, &back);
     assert_memory_equal(back.axes, frame->axes, sizeof back.axes);

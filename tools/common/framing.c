@@ -1,6 +1,7 @@
 #include "tools/common/framing.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 // ---------------------------------------------------------------------------------------------------------------------
 // One's own
@@ -104,19 +105,11 @@ static void turned_origin(const struct canopy_surrogate *s, double origin[3]) {
     }
 }
 
-/// The quantum: what divides the pitch of a cell and the origin. Turned axes turn the origin into something without a
-/// divisor; then a quantum of the pitch is near enough. In fixed point 1.
-static int quantum_log2(const struct canopy_surrogate *like, const struct canopy_turned *turned, uint16_t cells,
-                        const double origin[3], const double reach[2]) {
-    if (turned->scalar != CANOPY_F32) {
-        return 0;
-    }
-    int log2 = smaller(divisor_log2(like->pitch[0] / cells), divisor_log2(like->pitch[1] / cells));
-    log2 = turned->along ? smaller(log2, smaller(divisor_log2(origin[0]), divisor_log2(origin[1]))) : log2;
-    while (log2 < 1024 && fmax(ldexp(reach[0], -log2), ldexp(reach[1], -log2)) >= 0x1p30) {
-        log2++;
-    }
-    return log2;
+/// The quantum: what divides the pitch of a cell and the origin. In fixed point 1.
+static int quantum_log2(const struct canopy_surrogate *like, enum canopy_scalar scalar, uint16_t cells,
+                        const double origin[3]) {
+    const int pitch = smaller(divisor_log2(like->pitch[0] / cells), divisor_log2(like->pitch[1] / cells));
+    return scalar == CANOPY_F32 ? smaller(pitch, smaller(divisor_log2(origin[0]), divisor_log2(origin[1]))) : 0;
 }
 
 /// Where heights begin, and the step that the points' heights ask for.
@@ -136,32 +129,113 @@ static void set_heights(const struct canopy_turned *turned, double origin, struc
     frame->lsb_log2 = (int16_t)((highest > -100 ? highest : -100) - CANOPY_RANGE_LOG2 - log2);
 }
 
-bool canopy_framing_like(const struct canopy_surrogate *like, const struct canopy_turned *turned,
-                         const struct canopy_grid *grid, struct canopy_frame *frame, struct canopy_fault *fault) {
-    double origin[3];
-    turned_origin(like, origin);
-    const double reach[2] = {fabs(origin[0]) + ((double)like->size[0] - 1.0) * like->pitch[0],
-                             fabs(origin[1]) + ((double)like->size[1] - 1.0) * like->pitch[1]};
-    const int log2 = quantum_log2(like, turned, grid->cells, origin, reach);
+static void start(const struct canopy_grid *grid, int log2, struct canopy_frame *frame) {
     *frame = (struct canopy_frame){.size = {grid->size[0], grid->size[1]},
                                    .cells = grid->cells,
                                    .side = grid->side,
                                    .quantum_log2 = (int16_t)log2};
+    for (int i = 0; i < 3; i++) {
+        frame->axis[i][i] = CANOPY_AXIS_ONE;
+    }
+}
+
+/// The file's frame as it is, if the points' coordinates are the file's and the library can have it: pitches and origin
+/// on a quantum, in float with edges of 24 bits.
+static bool take_exactly(const struct canopy_surrogate *like, const struct canopy_turned *turned,
+                         const struct canopy_grid *grid, struct canopy_frame *frame) {
+    double origin[3];
+    turned_origin(like, origin);
+    const bool f32 = turned->scalar == CANOPY_F32;
+    const int log2 = quantum_log2(like, turned->scalar, grid->cells, origin);
+    if (!turned->along || log2 < -100 || log2 > 1000) {
+        return false;
+    }
+    start(grid, log2, frame);
     for (int a = 0; a < 2; a++) {
         const double pitch = ldexp(like->pitch[a], -log2);
-        const double corner = rint(ldexp(origin[a], -log2));
-        // The far edge may be beyond 32 bits, as it is where our own frame holds the largest coordinates.
-        if (!(pitch >= 1.0 && pitch == floor(pitch) && pitch <= UINT32_MAX && corner >= INT32_MIN &&
-              corner <= INT32_MAX)) {
-            return canopy_fault_set(fault, "the pitch of --frame is not on a quantum of 32-bit integers: give a file "
-                                           "that canopy fit wrote");
+        const double corner = ldexp(origin[a], -log2);
+        const double edge = fmax(fabs(corner), fabs(corner + (grid->size[a] - 1.0) * pitch));
+        // In fixed point the far edge may be beyond 32 bits, as it is where our own frame holds the largest
+        // coordinates.
+        if (!(pitch >= grid->cells && pitch == floor(pitch) && pitch <= UINT32_MAX && corner == floor(corner) &&
+              corner >= INT32_MIN && corner <= INT32_MAX && (!f32 || edge <= 0x1p24))) {
+            return false;
         }
         frame->pitch[a] = (uint32_t)pitch;
         frame->origin[a] = (int32_t)corner;
     }
     set_heights(turned, origin[2], frame);
-    for (int i = 0; i < 3; i++) {
-        frame->axis[i][i] = CANOPY_AXIS_ONE;
-    }
     return true;
+}
+
+/// A pitch in quanta that the library likes: in proportion to the file's, a multiple of the cells.
+static uint32_t likely_pitch(double pitch, double quantum, const struct canopy_grid *grid, int a, double most) {
+    const double limit = floor(most / (grid->size[a] - 1.0) / grid->cells);
+    return (uint32_t)(fmin(fmax(rint(pitch / quantum / grid->cells), 1.0), limit) * grid->cells);
+}
+
+static double within(double x, double most) { return x > 0.0 ? fmin(x, most) : 0.0; }
+
+/// Turns a point anew, to coordinates of the frame: from its origin, in its pitches. Rounding leaves none outside. In
+/// fixed point the height stays what turning made it, because it need not fit when it is counted from elsewhere.
+static void measure_point(const struct canopy_surrogate *like, const struct canopy_frame *frame,
+                          const union canopy_device_point *p, bool f32, int32_t height, union canopy_device_point *to) {
+    double q[3] = {0.0, 0.0, 0.0};
+    for (int k = 0; k < 3; k++) {
+        const double d = (f32 ? (double)p->f32[k] : (double)p->fx[k]) - like->origin[k];
+        for (int i = 0; i < 3; i++) {
+            q[i] += like->axes[i][k] * d;
+        }
+    }
+    for (int a = 0; a < 2; a++) {
+        q[a] = within(q[a] / like->pitch[a] * frame->pitch[a], (double)canopy_frame_width(frame, a));
+    }
+    for (int i = 0; i < 3 && f32; i++) {
+        to->f32[i] = (float)(i < 2 ? ldexp(q[i], frame->quantum_log2) : q[i]);
+    }
+    if (!f32) {
+        *to = (union canopy_device_point){.fx = {(int32_t)rint(q[0]), (int32_t)rint(q[1]), height}};
+    }
+}
+
+/// Any other file's frame: the points are measured in it, so that its pitches may be what they like. The spline does
+/// not know the difference. In float the quantum goes with the heights, since the pitches do not mind.
+static bool measure(const struct canopy_surrogate *like, const struct canopy_device_list *points,
+                    const struct canopy_grid *grid, struct canopy_turned *turned, struct canopy_frame *frame,
+                    struct canopy_fault *fault) {
+    const bool f32 = turned->scalar == CANOPY_F32;
+    const double wide = fmax((grid->size[0] - 1.0) * like->pitch[0], (grid->size[1] - 1.0) * like->pitch[1]);
+    if (!turned->memory) {
+        turned->memory = malloc(turned->count * sizeof *turned->memory);
+        if (!turned->memory) {
+            return canopy_fault_no_memory(fault);
+        }
+    }
+    union canopy_device_point low;
+    union canopy_device_point high;
+    canopy_turned_box(turned, &low, &high);
+    int log2 = 0;
+    if (f32) {
+        frexp(fmax((double)high.f32[2] - (double)low.f32[2], 0x1p-70), &log2);
+        log2 = smaller(log2 - CANOPY_RANGE_LOG2, 100);
+    }
+    start(grid, log2, frame);
+    for (int a = 0; a < 2; a++) {
+        frame->pitch[a] = likely_pitch(like->pitch[a], f32 ? wide * 0x1p-23 : 1.0, grid, a, f32 ? 0x1p24 : 0x1p30);
+    }
+    for (size_t i = 0; i < turned->count; i++) {
+        const int32_t height = f32 ? 0 : turned->points[i].fx[2];
+        measure_point(like, frame, &points->points[i], f32, height, &turned->memory[i]);
+    }
+    turned->points = turned->memory;
+    double origin[3];
+    turned_origin(like, origin);
+    set_heights(turned, f32 ? 0.0 : origin[2], frame);
+    return true;
+}
+
+bool canopy_framing_like(const struct canopy_surrogate *like, const struct canopy_device_list *points,
+                         const struct canopy_grid *grid, struct canopy_turned *turned, struct canopy_frame *frame,
+                         struct canopy_fault *fault) {
+    return take_exactly(like, turned, grid, frame) || measure(like, points, grid, turned, frame, fault);
 }

@@ -52,7 +52,7 @@ static bool frame(struct job *job, int side, int quanta) {
                                      .cells = wish->fitting.field ? wish->fitting.field : FROM_POINTS_CELLS,
                                      .side = (uint8_t)side};
     struct canopy_frame *to = &job->frame[side];
-    return wish->frame ? canopy_framing_like(wish->frame, &job->turned, &grid, to, job->fault)
+    return wish->frame ? canopy_framing_like(wish->frame, job->points, &grid, &job->turned, to, job->fault)
                        : canopy_framing_own(&job->turned, &grid, quanta, to, job->fault);
 }
 
