@@ -10,8 +10,8 @@
 /// Cells are closed and, where the field is exact, a point is in its cell: S >= that least >= the cell's highest point.
 ///
 /// l leaves out convex bends, of which the tightest surfaces are full. So where it says too little, the cell has a
-/// second chance: S lies above the least of its 4 x 4 Bernstein coefficients over the cell (bezier.h), which are made in
-/// u first, rounded down, then in v, rounded down. Both bounds hold; the larger counts.
+/// second chance: S lies above the least of its 4 x 4 Bernstein coefficients over the cell (bezier.h), which are made
+/// in u first, rounded down, then in v, rounded down. Both bounds hold; the larger counts.
 ///
 /// Work is done a row of cells at a time: Q (n-1) cells, one bound of each coefficient column and one of each node. A
 /// second chance is 32 Bernstein coefficients of a spline. What the fast method fits needs none unless the field has

@@ -14,8 +14,8 @@ struct canopy_fielding {
     void *arena;
 };
 
-/// Makes a field of cells[0] x cells[1] cells a knot interval, of four bytes each or, `packed`, one (lib/cover/field.h),
-/// and feeds it. A point that the field refuses, the exact certificate of the points still sees. After success it needs
+/// Makes a field of cells[0] x cells[1] cells a knot interval, four bytes each or, `packed`, one (field.h), and
+/// feeds it. A point that the field refuses, the exact certificate of the points still sees. After success it needs
 /// canopy_fielding_close. Memory: CANOPY_FIELD_ARENA or CANOPY_FIELD_PACKED_ARENA.
 bool canopy_fielding_open(struct canopy_fielding *fielding, const struct canopy_turned *turned,
                           const struct canopy_frame *frame, const uint16_t cells[2], bool packed,
