@@ -94,13 +94,16 @@ static void fill_nearest(const struct canopy_free *work) {
 
 // ---- Relaxation
 
-// The mean of the neighbours there are: an end repeated outside pulls at itself, which is nothing.
-static int64_t pull_straight(const struct canopy_free *work, uint32_t i, uint32_t j, int32_t *stiffness) {
+#define OVER_RELAXATION ((int32_t)(1.625 * (1 << 16)))  // of 1 to 2, for gaps of some ten coefficients
+
+// Towards the mean of the neighbours there are: an end repeated outside pulls at itself, which is nothing.
+static int64_t pull_straight(const struct canopy_free *work, uint32_t i, uint32_t j, int32_t *step) {
+    static const int32_t steps[5] = {0, OVER_RELAXATION, OVER_RELAXATION / 2, OVER_RELAXATION / 3, OVER_RELAXATION / 4};
     const uint32_t m = work->size[0], n = work->size[1];
     const int32_t *b = work->b + (size_t)i * n + j;
     const int32_t here = *b;
     int64_t pull = 0;
-    int32_t count = 0;
+    uint32_t count = 0;
     if (i > 0) {
         pull += b[-(ptrdiff_t)n] - here;
         count++;
@@ -117,7 +120,7 @@ static int64_t pull_straight(const struct canopy_free *work, uint32_t i, uint32_
         pull += b[1] - here;
         count++;
     }
-    *stiffness = count;
+    *step = steps[count];
     return pull;
 }
 
@@ -158,20 +161,20 @@ static int64_t pull_across(const struct canopy_free *work, uint32_t i, uint32_t 
     return -2 * slope;
 }
 
-static int64_t pull_bent(const struct canopy_free *work, uint32_t i, uint32_t j, int32_t *stiffness) {
+static int64_t pull_bent(const struct canopy_free *work, uint32_t i, uint32_t j, int32_t *step) {
     const int32_t *b = work->b + (size_t)i * work->size[1] + j;
-    *stiffness = 0;
-    return pull_along(b, work->size[0], work->size[1], i, stiffness) + pull_along(b, work->size[1], 1, j, stiffness) +
-           pull_across(work, i, j, stiffness);
+    int32_t stiffness = 0;
+    const int64_t pull = pull_along(b, work->size[0], work->size[1], i, &stiffness) +
+                         pull_along(b, work->size[1], 1, j, &stiffness) + pull_across(work, i, j, &stiffness);
+    *step = OVER_RELAXATION / stiffness;
+    return pull;
 }
-
-#define OVER_RELAXATION ((int32_t)(1.625 * (1 << 16)))  // of 1 to 2, for gaps of some ten coefficients
 
 // Moves one coefficient. Coefficients within 2^28 pull by less than 2^34, so the product has at most 52 bits.
 static void relax(struct canopy_free *work, uint32_t i, uint32_t j) {
-    int32_t stiffness = 1;
-    const int64_t pull = work->pull(work, i, j, &stiffness);
-    const int64_t by = canopy_shift_floor(pull * (OVER_RELAXATION / stiffness) + (1 << 15), 16);
+    int32_t step = 0;
+    const int64_t pull = work->pull(work, i, j, &step);
+    const int64_t by = canopy_shift_floor(pull * step + (1 << 15), 16);
     int32_t *b = work->b + (size_t)i * work->size[1] + j;
     const int64_t to = *b + by;
     const int32_t now = to < work->low ? work->low : to > work->high ? work->high : (int32_t)to;
@@ -180,11 +183,15 @@ static void relax(struct canopy_free *work, uint32_t i, uint32_t j) {
     *b = now;
 }
 
+// Most coefficients are marked: eight marks are passed at a time.
 static void relax_row(struct canopy_free *work, uint32_t i) {
-    const uint32_t n = work->size[1];
+    const uint32_t n = work->size[1], first = i * n;
     for (uint32_t j = 0; j < n; j++) {
-        if (!canopy_bit_get(work->seen, i * n + j)) {
+        const uint32_t marks = (uint32_t)work->seen[(first + j) / 8] >> ((first + j) % 8);
+        if ((marks & 1U) == 0) {
             relax(work, i, j);
+        } else if (marks == UINT8_MAX) {
+            j += 7;
         }
     }
 }

@@ -47,8 +47,8 @@
 
 struct canopy_free;
 
-/// What a coefficient should move by, times its stiffness.
-typedef int64_t (*canopy_free_pull)(const struct canopy_free *work, uint32_t i, uint32_t j, int32_t *stiffness);
+/// What a coefficient should move by, times its stiffness; `step` receives the step per pull, Q16.
+typedef int64_t (*canopy_free_pull)(const struct canopy_free *work, uint32_t i, uint32_t j, int32_t *step);
 
 struct canopy_free {
     int32_t *b;           // the caller's coefficients
