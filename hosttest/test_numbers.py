@@ -67,6 +67,14 @@ def test_the_highest_over_a_window_costs_a_cortex_m3_at_most_a_quarter_of_a_mill
         assert counts[f"{scene}_window_end_looseness"] == counts[f"{scene}_whole_end_looseness"] == 0
 
 
+def test_a_ray_costs_a_cortex_m3_at_most_30_thousand_instructions():
+    """In the mean, from everywhere above to everywhere on the surface, with at most 12 root-finder steps in a cell."""
+    counts = bench_firmware.count(BUILD / "mps2_an385" / "ray.elf")
+    for scene in ("hills", "boxes"):
+        assert counts[f"{scene}_mean"] <= 30_000 and counts[f"{scene}_most"] <= 60_000
+        assert counts[f"{scene}_steps"] <= 12 and counts[f"{scene}_hits"] > 150
+
+
 def test_no_looser_than_the_paper_read_literally(tmp_path):
     """On the scan that the goal names. Elsewhere the two differ in either direction by what one line's choice gives."""
     if "bun000" not in SCENES:

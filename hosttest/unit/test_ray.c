@@ -25,7 +25,7 @@ UNIT(wide_quotients_are_exact) {
         // (b c + rest) / c = b; and a b / c is checked against the product of what it gives
         const struct canopy_wide_product bc = canopy_wide_by_digits(b, c);
         const struct canopy_wide_product sum = {bc.high + (bc.low + rest < rest), bc.low + rest};
-        CHECK_EQ(canopy_wide_divide_by_bits(sum, c), b);
+        CHECK_EQ(canopy_wide_divide_by_digits(sum, c), b);
         CHECK_EQ(canopy_mul_div(b, c, c), b);
         const uint64_t quotient = canopy_mul_div(a, b, c);
         CHECK(!canopy_ratio_less(a, c, quotient, b > 0 ? b : 1) || b == 0);     // quotient <= a b / c
@@ -33,7 +33,7 @@ UNIT(wide_quotients_are_exact) {
     }
     CHECK_EQ(canopy_mul_div(UINT64_MAX, UINT64_MAX, UINT64_MAX), UINT64_MAX);
     CHECK_EQ(canopy_mul_div(UINT64_MAX, 2, 1), UINT64_MAX);  // does not fit
-    CHECK_EQ(canopy_wide_divide_by_bits((struct canopy_wide_product){UINT64_MAX - 1, 0}, UINT64_MAX), UINT64_MAX - 1);
+    CHECK_EQ(canopy_wide_divide_by_digits((struct canopy_wide_product){UINT64_MAX - 1, 0}, UINT64_MAX), UINT64_MAX - 1);
 }
 
 UNIT(ratios_compare_exactly) {

@@ -31,7 +31,7 @@
 ///
 /// Cost: at most m + n - 3 cells. A cell whose 16 coefficients are all below the piece costs a look at them; another
 /// costs about 130 products, and a root at most CANOPY_ROOT_STEPS splits of 21 products. No memory but the stack: below
-/// 1 KB. Numbers: docs/numbers.md, docs/queries.md.
+/// 1.5 KB on a Cortex-M3, where the code takes 10 KB. Numbers: docs/queries.md.
 #ifndef CANOPY_COVER_RAY_H
 #define CANOPY_COVER_RAY_H
 

@@ -1,7 +1,6 @@
 /// The few operations that need 128 bits in between: products over a divisor, and comparing two fractions.
 ///
-/// Where the compiler has a 128-bit integer it is used; elsewhere 32-bit digits and a long division, bit by bit, do the
-/// same. Cost of the latter on a Cortex-M3: some 800 instructions for a quotient, 40 for a comparison.
+/// Where the compiler has a 128-bit integer it is used; elsewhere digits of 32 bits do the same.
 #ifndef CANOPY_NUM_WIDE_H
 #define CANOPY_NUM_WIDE_H
 
@@ -20,19 +19,34 @@ static inline struct canopy_wide_product canopy_wide_by_digits(uint64_t a, uint6
     return (struct canopy_wide_product){a1 * b1 + (first >> 32) + (second >> 32), second << 32 | (uint32_t)low};
 }
 
-/// floor(p / c) for p.high < c, bit by bit.
-static inline uint64_t canopy_wide_divide_by_bits(struct canopy_wide_product p, uint64_t c) {
-    uint64_t rest = p.high, quotient = p.low;
-    for (int bit = 0; bit < 64; bit++) {
-        const bool carry = rest >> 63 != 0;
-        rest = rest << 1 | quotient >> 63;
-        quotient <<= 1;
-        if (carry || rest >= c) {
-            rest -= c;
-            quotient |= 1;
+/// One digit of 32 bits of rest:next / c, rest < c, c with its highest bit set: the estimate from c's own highest digit is
+/// at most two too large. What remains is left in *rest.
+static inline uint32_t canopy_wide_digit(uint64_t *rest, uint32_t next, uint64_t c) {
+    const uint64_t c1 = c >> 32, c0 = (uint32_t)c;
+    uint64_t digit = *rest / c1, left = *rest - digit * c1;
+    while (digit >> 32 != 0 || digit * c0 > (left << 32 | next)) {
+        digit--;
+        left += c1;
+        if (left >> 32 != 0) {
+            break;
         }
     }
-    return quotient;
+    *rest = (*rest << 32 | next) - digit * c;
+    return (uint32_t)digit;
+}
+
+/// floor(p / c) for p.high < c, by digits (D. Knuth, The Art of Computer Programming, 4.3.1, Algorithm D).
+static inline uint64_t canopy_wide_divide_by_digits(struct canopy_wide_product p, uint64_t c) {
+    unsigned shift = 0;
+    for (unsigned bits = 32; bits > 0; bits /= 2) {
+        if (c << shift >> (64 - bits) == 0) {
+            shift += bits;
+        }
+    }
+    const uint64_t divisor = c << shift, low = p.low << shift;
+    uint64_t rest = shift == 0 ? p.high : p.high << shift | p.low >> (64 - shift);
+    const uint64_t first = canopy_wide_digit(&rest, (uint32_t)(low >> 32), divisor);
+    return first << 32 | canopy_wide_digit(&rest, (uint32_t)low, divisor);
 }
 
 /// floor(a * b / c), c > 0. What does not fit 64 bits is UINT64_MAX.
@@ -52,7 +66,7 @@ static inline uint64_t canopy_mul_div(uint64_t a, uint64_t b, uint64_t c) {
     if (product.high == 0) {
         return product.low / c;
     }
-    return product.high >= c ? UINT64_MAX : canopy_wide_divide_by_bits(product, c);
+    return product.high >= c ? UINT64_MAX : canopy_wide_divide_by_digits(product, c);
 #endif
 }
 
