@@ -1,8 +1,8 @@
 // Hours of an endless belt, in virtual time, through the end of its coordinates: what lib/station/belt.h promises.
 //
 // Line scanners look down on a belt that runs, stops, jerks back and loses its position; the second one stands some way
-// behind the first. A model that shares nothing with lib/cover keeps every accepted reading that is still in the ring and
-// judges each published envelope in whole numbers of 128 bits, from the published frame and the device coordinates:
+// behind the first. A model that shares nothing with lib/cover keeps every accepted reading that is still in the ring
+// and judges each published envelope in whole numbers of 128 bits, from the published frame and the device coordinates:
 //   - it covers exactly the readings accepted so far in its rows, `points` of them, by `margin` at least; its coverage
 //     is their cells; no row is in it that should have been forgotten by age;
 //   - the intrusion bit stands, and bit 0 is clear, if a reading since lies beyond it, at once and until a publication;
@@ -21,12 +21,11 @@
 #include <cmocka.h>
 
 #include "canopy_registers.h"
+#include "hosttest/judge.h"
 #include "hosttest/seeds.h"
 #include "lib/spline/surface.h"
 #include "lib/station/belt.h"
 #include "tools/common/random.h"
-
-__extension__ typedef __int128 wide;
 
 enum { M = 16, N = 6, Q = 2, OPEN = 4, PROFILES = 4, COLUMNS = 16, PROFILE_MS = 600, HOUR = 3600 * 1000 / PROFILE_MS };
 enum { READINGS_MAX = 60000 };  // a belt that stands fills one row
@@ -71,7 +70,6 @@ static struct world world;
 
 static uint32_t below(struct world *w, uint32_t n) { return canopy_random_below(&w->random, n); }
 static bool chance(struct world *w, double p) { return canopy_random_chance(&w->random, p); }
-static int64_t floor_div(int64_t a, int64_t b) { return a / b - (a % b < 0); }
 
 static bool is_backward(const struct world *w) { return w->config.ring.heading >= CANOPY_AGAINST_X; }
 static bool is_mirrored(const struct world *w) {
@@ -80,35 +78,6 @@ static bool is_mirrored(const struct world *w) {
 
 // ---------------------------------------------------------------------------------------------------------------------
 // The judge
-
-static void weights(int64_t part, int64_t pitch, int64_t to[4]) {
-    const int64_t rest = pitch - part;
-    to[0] = rest * rest * rest;
-    to[1] = 3 * part * part * part - 6 * part * part * pitch + 4 * pitch * pitch * pitch;
-    to[2] = 3 * rest * rest * rest - 6 * rest * rest * pitch + 4 * pitch * pitch * pitch;
-    to[3] = part * part * part;
-}
-
-static wide surface(const struct canopy_envelope *envelope, const int64_t offset[2]) {
-    const struct canopy_frame *frame = &envelope->frame;
-    int64_t w[2][4], first[2];
-    for (int a = 0; a < 2; a++) {
-        int64_t interval = offset[a] / frame->pitch[a];
-        interval = interval > frame->size[a] - 2 ? frame->size[a] - 2 : interval;
-        weights(offset[a] - interval * frame->pitch[a], frame->pitch[a], w[a]);
-        first[a] = interval - 1;
-    }
-    wide sum = 0;
-    for (int i = 0; i < 4; i++) {
-        for (int j = 0; j < 4; j++) {
-            int64_t row = first[0] + i, column = first[1] + j;
-            row = row < 0 ? 0 : row >= frame->size[0] ? frame->size[0] - 1 : row;
-            column = column < 0 ? 0 : column >= frame->size[1] ? frame->size[1] - 1 : column;
-            sum += (wide)(w[0][i] * w[1][j]) * envelope->coefficients[row * frame->size[1] + column];
-        }
-    }
-    return sum;
-}
 
 // Offsets in the published frame, as a PLC finds them: differences modulo 2^32.
 static void place(const struct world *w, const struct reading *r, int64_t to[2]) {
@@ -128,16 +97,11 @@ static bool is_claimed(const struct world *w, int64_t row) {
 }
 
 // The distance to the safe side, in steps times *scale.
-static wide distance(const struct world *w, const struct reading *r, wide *scale) {
-    const struct canopy_frame *frame = &w->published.frame;
+static judge_wide distance(const struct world *w, const struct reading *r, judge_wide *scale) {
     int64_t at[2];
     place(w, r, at);
     MUST(at[0] / w->pitch == r->row - w->published.first_row);
-    const wide pu = frame->pitch[0], pv = frame->pitch[1];
-    *scale = 36 * pu * pu * pu * pv * pv * pv;
-    const wide height = ((wide)r->point[2] - frame->origin[2]) * ((wide)1 << -frame->lsb_log2);
-    const wide gap = surface(&w->published, at) - height * *scale;
-    return frame->side == CANOPY_ABOVE ? gap : -gap;
+    return judge_distance(&w->published, at, r->point[2], scale);
 }
 
 static void check_publication(struct world *w) {
@@ -153,7 +117,7 @@ static void check_publication(struct world *w) {
         if (!is_claimed(w, r->row)) {
             continue;
         }
-        wide scale;
+        judge_wide scale;
         MUST(distance(w, r, &scale) >= envelope->margin * scale);
         MUST(w->config.expire_after_us == 0 || w->now_us - r->time_us <= w->config.expire_after_us);
         int64_t at[2];
@@ -239,7 +203,7 @@ static void forget_scene(struct world *w) {
 }
 
 static int32_t height_at(struct world *w, int64_t u, int64_t v) {
-    const uint64_t part = canopy_random_mix((uint64_t)floor_div(u, 170) * 31 + (uint64_t)(v / 130));
+    const uint64_t part = canopy_random_mix((uint64_t)judge_floor_div(u, 170) * 31 + (uint64_t)(v / 130));
     return (int32_t)(below(w, 12) + ((part & 3) == 0 ? part >> 8 & 0x1FF : 0));
 }
 
@@ -250,14 +214,14 @@ static void scan_point(struct world *w, int64_t u, int64_t across, int32_t z, ui
     point[along_axis] = (int32_t)(uint32_t)(uint64_t)(is_backward(w) ? -u : u);
     point[across_axis] = (int32_t)(is_mirrored(w) ? -across : across);
     point[2] = z;
-    struct reading r = {.row = floor_div(u - w->base, w->pitch), .time_us = w->now_us};
+    struct reading r = {.row = judge_floor_div(u - w->base, w->pitch), .time_us = w->now_us};
     memcpy(r.point, point, sizeof point);
     r.point[2] = above ? z + (int32_t)uncertainty : z - (int32_t)uncertainty;
     const bool claimed = is_claimed(w, r.row);
     bool near = false;
     if (claimed && w->have_last) {
-        wide scale;
-        const wide gap = distance(w, &r, &scale);
+        judge_wide scale;
+        const judge_wide gap = distance(w, &r, &scale);
         near = gap < (2 * CANOPY_SURFACE_FX_ERROR + 1) * scale;
         w->beyond = w->beyond || gap < 0;
         met.intrusions += gap < 0;

@@ -323,7 +323,8 @@ static void every_register_by_name(void **unused) {
 // ---------------------------------------------------------------------------------------------------------------------
 // What changed
 
-// A PLC that keeps the rows by their number, reads those that changed after the sequence it knows, and has the envelope.
+// A PLC that keeps the rows by their number, reads those that changed after the sequence it knows, and has the
+// envelope.
 struct follower {
     uint32_t sequence;
     int64_t first;

@@ -16,12 +16,11 @@
 
 #include <cmocka.h>
 
+#include "hosttest/judge.h"
 #include "hosttest/seeds.h"
 #include "lib/cover/ring.h"
 #include "lib/spline/surface.h"
 #include "tools/common/random.h"
-
-__extension__ typedef __int128 wide;
 
 enum { GRID_MAX = 24, CELLS_MAX = 4, OPEN_MAX = 3, READINGS_MAX = 3000 };
 
@@ -56,9 +55,6 @@ static struct life life;
 static uint32_t below(struct life *l, uint32_t n) { return canopy_random_below(&l->random, n); }
 static bool chance(struct life *l, double p) { return canopy_random_chance(&l->random, p); }
 
-static int64_t floor_div(int64_t a, int64_t b) { return a / b - (a % b < 0); }
-static int64_t floor_mod(int64_t a, int64_t b) { return a - b * floor_div(a, b); }
-
 static int64_t period_of(const struct life *l) {
     return l->config.period != 0 ? (int64_t)l->config.period : (int64_t)1 << 32;
 }
@@ -73,36 +69,6 @@ static bool is_mirrored(const struct life *l) {
 // ---------------------------------------------------------------------------------------------------------------------
 // The judge
 
-static void weights(int64_t part, int64_t pitch, int64_t to[4]) {
-    const int64_t rest = pitch - part;
-    to[0] = rest * rest * rest;
-    to[1] = 3 * part * part * part - 6 * part * part * pitch + 4 * pitch * pitch * pitch;
-    to[2] = 3 * rest * rest * rest - 6 * rest * rest * pitch + 4 * pitch * pitch * pitch;
-    to[3] = part * part * part;
-}
-
-// The surface at offsets from the origin, times 36 pu^3 pv^3, in steps.
-static wide surface(const struct canopy_envelope *envelope, const int64_t offset[2]) {
-    const struct canopy_frame *frame = &envelope->frame;
-    int64_t w[2][4], first[2];
-    for (int a = 0; a < 2; a++) {
-        int64_t interval = offset[a] / frame->pitch[a];
-        interval = interval > frame->size[a] - 2 ? frame->size[a] - 2 : interval;
-        weights(offset[a] - interval * frame->pitch[a], frame->pitch[a], w[a]);
-        first[a] = interval - 1;
-    }
-    wide sum = 0;
-    for (int i = 0; i < 4; i++) {
-        for (int j = 0; j < 4; j++) {
-            int64_t row = first[0] + i, column = first[1] + j;
-            row = row < 0 ? 0 : row >= frame->size[0] ? frame->size[0] - 1 : row;
-            column = column < 0 ? 0 : column >= frame->size[1] ? frame->size[1] - 1 : column;
-            sum += (wide)(w[0][i] * w[1][j]) * envelope->coefficients[row * frame->size[1] + column];
-        }
-    }
-    return sum;
-}
-
 // Where a reading is in the published frame, by the frame's axes and origin and the device's coordinates alone.
 static void place(const struct life *l, const struct canopy_frame *frame, const struct reading *r, int64_t to[2]) {
     for (int a = 0; a < 2; a++) {
@@ -111,7 +77,7 @@ static void place(const struct life *l, const struct canopy_frame *frame, const 
             to[a] += frame->axis[a][c] / CANOPY_AXIS_ONE * ((int64_t)r->device[c] - frame->origin[c]);
         }
     }
-    to[0] = floor_mod(to[0], period_of(l));
+    to[0] = judge_floor_mod(to[0], period_of(l));
     // Longer than a turn: which turn is meant, the row says.
     const int64_t interval = r->row - l->first;
     while (to[0] < interval * l->pitch) {
@@ -125,10 +91,8 @@ static void check_reading(struct life *l, const struct canopy_envelope *envelope
     place(l, frame, r, at);
     MUST(at[0] == r->u - (l->base + l->first * l->pitch));
     MUST(at[1] >= 0 && at[1] <= (int64_t)canopy_frame_width(frame, 1));
-    const wide pu = frame->pitch[0], pv = frame->pitch[1], scale = 36 * pu * pu * pu * pv * pv * pv;
-    const wide height = ((wide)r->z - frame->origin[2]) * ((wide)1 << -frame->lsb_log2);
-    const wide gap = surface(envelope, at) - height * scale;
-    MUST((frame->side == CANOPY_ABOVE ? gap : -gap) >= envelope->margin * scale);
+    judge_wide scale;
+    MUST(judge_distance(envelope, at, r->z, &scale) >= envelope->margin * scale);
 }
 
 static bool is_claimed(const struct life *l, const struct reading *r) {
@@ -203,7 +167,7 @@ static void do_publish(struct life *l) {
 }
 
 static void do_reach(struct life *l, int64_t u) {
-    const int64_t end = l->first + rows_of(l), row = floor_div(u - l->base, l->pitch);
+    const int64_t end = l->first + rows_of(l), row = judge_floor_div(u - l->base, l->pitch);
     const uint64_t by = canopy_ring_reach(&l->ring, u);
     MUST(by == (row >= end ? (uint64_t)(row - end + 1) : 0));
     l->first += (int64_t)by;
@@ -214,7 +178,7 @@ static void do_reach(struct life *l, int64_t u) {
 
 // A height of some scene: parts with walls on a rough plane, now and then a spike.
 static int32_t height_at(struct life *l, int64_t u, int64_t v) {
-    const uint64_t part = canopy_random_mix((uint64_t)floor_div(u, 3 * l->pitch) * 77 + (uint64_t)(v / 90));
+    const uint64_t part = canopy_random_mix((uint64_t)judge_floor_div(u, 3 * l->pitch) * 77 + (uint64_t)(v / 90));
     const int32_t plane = (int32_t)below(l, 20), wall = (part & 3) == 0 ? (int32_t)(part >> 8 & 0x3FF) : 0;
     return (int32_t)l->config.low[2] + (chance(l, 0.01) ? 1023 : plane + wall);
 }
@@ -230,8 +194,8 @@ static void do_reading(struct life *l) {
     const int across = l->config.heading % 2 == 0 ? 1 : 0, along = 1 - across;
     int64_t v = (int64_t)l->ring.field.frame.origin[1] + below(l, width + 1);
     v = chance(l, 0.01) ? v + width + 1 : v;
-    struct reading r = {.u = u, .row = floor_div(u - l->base, l->pitch), .time_us = l->now_us};
-    const int64_t counted = floor_mod(runs_backward(l) ? -u : u, period_of(l));
+    struct reading r = {.u = u, .row = judge_floor_div(u - l->base, l->pitch), .time_us = l->now_us};
+    const int64_t counted = judge_floor_mod(runs_backward(l) ? -u : u, period_of(l));
     r.device[along] = (int32_t)(uint32_t)counted;
     r.device[across] = (int32_t)(is_mirrored(l) ? -v : v);
     r.z = height_at(l, u, v - l->ring.field.frame.origin[1]);
@@ -526,7 +490,7 @@ static void a_head_covers_its_whole_turn(void **state) {
                 assert_int_equal(canopy_ring_publish(&ring, &envelope), CANOPY_OK);
                 published++;
                 const int64_t start = envelope.first_row * PITCH;
-                assert_int_equal(envelope.frame.origin[0], floor_mod(start, TURN));
+                assert_int_equal(envelope.frame.origin[0], judge_floor_mod(start, TURN));
                 for (uint32_t h = 1; time > LONG * PITCH && h < LONG - 1; h++) {  // a turn and more
                     assert_true(coverage[h * 4 / 8] >> (h * 4 % 8) & 1);
                 }

@@ -19,8 +19,8 @@
 /// height lacks of l is largest at a vertex of the upper convex hull of the nodes, on any part of the interval, and the
 /// fit looks at those *vertices* only (per half interval, because that is what rounds to one row).
 ///
-/// Some rows may be *pinned*, each at a coefficient that is given: so a part of a line is fitted while the rest stays as
-/// it is (refit.h). A pinned row chooses no node; canopy_line_lift may raise it like any other.
+/// Some rows may be *pinned*, each at a coefficient that is given: so a part of a line is fitted while the rest stays
+/// as it is (refit.h). A pinned row chooses no node; canopy_line_lift may raise it like any other.
 ///
 /// The scalar lives in here only: heights in and coefficients out are whole steps, and so is all that is proved.
 /// Float and fixed point give coefficients that differ by rounding; both are lifted by the same exact integers.

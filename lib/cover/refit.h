@@ -78,7 +78,8 @@ struct canopy_refit {
 enum canopy_status canopy_refit_init(struct canopy_refit *refit, const struct canopy_field *field,
                                      enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes);
 
-/// The cell has risen, or is new. O(1); in a packed field O(cells of its knot row). For a cell of canopy_field_hit; the field itself holds the height.
+/// The cell has risen, or is new. O(1); in a packed field O(cells of its knot row). For a cell of canopy_field_hit; the
+/// field itself holds the height.
 void canopy_refit_rose(struct canopy_refit *refit, uint32_t cell);
 
 /// The cells of `count` knot rows from `row` on may have changed in any way. O(cells of these rows).

@@ -283,7 +283,7 @@ static int32_t wrap(const struct canopy_ring *ring, int64_t along) {
 }
 
 void canopy_ring_frame(const struct canopy_ring *ring, struct canopy_frame *frame) {
-    static const int8_t turns[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};  // x and y of u
+    static const int32_t turns[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};  // x and y of u
     const int32_t x = turns[ring->heading][0], y = turns[ring->heading][1];
     const int32_t axes[2][2] = {{x, y}, {-y, x}}, v = ring->field.frame.origin[1];
     *frame = ring->field.frame;

@@ -1,20 +1,19 @@
 /// The ring: a field that moves, for belts and rotating heads (cover.md 5, "a moving scene").
 ///
-/// Along u the scene has no end. Its *knot rows*, one knot interval of u each, are numbered for ever (64 bits): row r is
-/// u from base + r * pitch on. The ring has some of them:
+/// Along u the scene has no end. Its *knot rows*, one knot interval of u each, are numbered for ever (64 bits): row r
+/// is u from base + r * pitch on. The ring has some of them:
 ///
 ///     dropped … | guard |   window: closed rows   |   open rows   | … ahead
 ///               first   first + 1                 first + m - 1   first + m - 1 + open
 ///
 /// Readings enter where they belong, as long as their row is in the ring. As the scene moves on (canopy_ring_reach) an
 /// open row closes, the oldest row of the window is dropped, and the frame's origin moves by one pitch: whole numbers,
-/// nothing is resampled. m x n coefficients cover the window, m - 1 knot rows; what is published is always this unrolled
-/// window, with the plain formula of the surface. The first of its rows is a *guard*: it holds coefficients but no
-/// readings, and its coverage is empty. So a row that leaves changes no coefficient, and the surface over a row stays as
-/// it is from the time that CANOPY_REFIT_REACH + 5 rows have followed it until it is dropped, unless late readings reach
-/// it. Open rows are not published:
-/// nothing is claimed about a row that is still being scanned. With several scanners along the belt, `open` is as many
-/// rows as the last of them is behind the first.
+/// nothing is resampled. m x n coefficients cover the window, m - 1 knot rows; what is published is always this
+/// unrolled window, with the plain formula of the surface. The first of its rows is a *guard*: it holds coefficients
+/// but no readings, and its coverage is empty. So a row that leaves changes no coefficient, and the surface over a row
+/// stays as it is from the time that CANOPY_REFIT_REACH + 5 rows have followed it until it is dropped, unless late
+/// readings reach it. Open rows are not published: nothing is claimed about a row that is still being scanned. With
+/// several scanners along the belt, `open` is as many rows as the last of them is behind the first.
 ///
 /// A belt may run along x or y, in either direction (enum canopy_heading). Coordinates along it are int32_t as anywhere
 /// and wrap modulo 2^32, as an encoder does; the ring knows which turn is meant, because it takes the nearest one. The
@@ -85,13 +84,13 @@ struct canopy_ring {
     (CANOPY_FIELD_ARENA((size_t)(m) + (open), n, cells, cells) + CANOPY_REFIT_ARENA(m, n, cells, cells, lines) +       \
      CANOPY_ARENA_ROUND(((size_t)(m)-1U + (open)) * sizeof(struct canopy_ring_row)))
 
-/// Makes an empty ring. CANOPY_ARGUMENT: a member is out of its range, or the ring is longer than 2^31 - 1 device units;
-/// CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN. The ring must not be moved in memory.
+/// Makes an empty ring. CANOPY_ARGUMENT: a member is out of its range, or the ring is longer than 2^31 - 1 device
+/// units; CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN. The ring must not be moved in memory.
 enum canopy_status canopy_ring_init(struct canopy_ring *ring, const struct canopy_ring_config *config, void *arena,
                                     size_t bytes);
 
-/// Forgets all readings and begins with row `first` as the first open one. CANOPY_ARGUMENT: its place is beyond +- 2^62;
-/// nothing is changed.
+/// Forgets all readings and begins with row `first` as the first open one. CANOPY_ARGUMENT: its place is beyond +-
+/// 2^62; nothing is changed.
 enum canopy_status canopy_ring_restart(struct canopy_ring *ring, int64_t first);
 
 /// A place in the belt's coordinates.
@@ -137,8 +136,8 @@ uint32_t canopy_ring_expire(struct canopy_ring *ring, uint64_t before_us);
 /// ones, differ in their origin.
 enum canopy_difference canopy_ring_difference(const struct canopy_ring *a, const struct canopy_ring *b);
 
-/// Merges the readings of `other` into `ring`: cells by maximum (associative, commutative, idempotent), the age of a row
-/// by its oldest reading. Readings are added up: merge each ring once. CANOPY_ARGUMENT: canopy_ring_difference says
+/// Merges the readings of `other` into `ring`: cells by maximum (associative, commutative, idempotent), the age of a
+/// row by its oldest reading. Readings are added up: merge each ring once. CANOPY_ARGUMENT: canopy_ring_difference says
 /// why; nothing is changed.
 enum canopy_status canopy_ring_merge(struct canopy_ring *ring, const struct canopy_ring *other);
 

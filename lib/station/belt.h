@@ -9,14 +9,14 @@
 /// What a published envelope means, in every interleaving of readings, steps and reads:
 ///   - Its certificate covers exactly the readings accepted so far in its rows, first_row + 1 to first_row + m - 2,
 ///     but for rows that were forgotten by age; it is `points` of them. The place of a forgotten row is not covered.
-///   - A later reading in one of these rows (a late one: other scanners, a belt that runs back) that raises its cell, or
-///     falls into a row that has risen since the publication, is compared with the published surface in the call that
-///     accepts it. If it is not surely on the safe side, status bit 0 is clear and the intrusion bit set before that
-///     call returns, until a publication covers it. A reading so far beyond the frame that no envelope can cover it sets
-///     both at once, until its row has left the ring. Of rows ahead of the window nothing is claimed, and readings there
-///     are no intrusions.
-///   - Rows with a reading older than expire_after_us are forgotten, and the envelope is published again without them:
-///     in the same step, or at the end of the refit that is in work.
+///   - A later reading in one of these rows (a late one: other scanners, a belt that runs back) that raises its cell,
+///     or falls into a row that has risen since the publication, is compared with the published surface in the call
+///     that accepts it. If it is not surely on the safe side, status bit 0 is clear and the intrusion bit set before
+///     that call returns, until a publication covers it. A reading so far beyond the frame that no envelope can cover
+///     it sets both at once, until its row has left the ring. Of rows ahead of the window nothing is claimed, and
+///     readings there are no intrusions.
+///   - Rows with a reading older than expire_after_us are forgotten, and the envelope is published again without
+///     them: in the same step, or at the end of the refit that is in work.
 ///   - Stale is an age of more than stale_after_us since the last accepted reading. The last envelope stays readable.
 ///
 /// While a refit is in work the window stands, and the belt may move on as far as there are open rows. When it comes to
