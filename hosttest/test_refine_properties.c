@@ -259,7 +259,7 @@ static void random_coefficients(struct scene *s) {
     }
     for (uint32_t k = 0; k < s->count; k++) {
         for (int i = 0; i < FINE * FINE; i++) {
-            s->d[k][i] = (int32_t)below(s, 2U * (uint32_t)size) - (raising ? 0 : size);
+            s->d[k][i] = (int32_t)below(s, (raising ? 1U : 2U) * (uint32_t)size) - (raising ? 0 : size);
         }
     }
 }

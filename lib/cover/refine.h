@@ -1,14 +1,15 @@
 /// Knots where they matter: a window of half or quarter pitch that brings a safe surface nearer to what is under it.
 ///
-/// The surface so far (base and earlier windows, lib/spline/refined.h) is safe. A window adds sum d[i][j] N(2^k u - i0 -
-/// i) N(2^k v - j0 - j) to it: twice continuously differentiable also across its edge, because the d are not repeated
-/// outside. Its d solve the linear program
+/// The surface so far (base and earlier windows, lib/spline/refined.h) is safe. A window adds
+/// sum d[i][j] N(2^k u - i0 - i) N(2^k v - j0 - j) to it: twice continuously differentiable also across its edge,
+/// because the d are not repeated outside. Its d solve the linear program
 ///
 ///     least mean gap over the window's points, subject to
 ///       safe      the surface stays above every point;
 ///       no pits   (points only) on every fine cell that holds points, all 16 Bernstein coefficients of the surface are
 ///                 at least the lowest of them, or where they were if that is lower;
-///       reach     every coefficient, those of the surface so far inserted, stays within one height range of the data's.
+///       reach     every coefficient, with the surface so far on the fine knots, stays within one height range of the
+///                 data's.
 ///
 /// d may have either sign. Were it d <= 0, so that the surface rises nowhere, every point that the surface touches
 /// already would hold all 16 coefficients around it at zero, and a tight surface touches points nearly everywhere:
@@ -20,8 +21,8 @@
 /// *Published* is what stands in the window's d, and it is always safe. Every few iterations an iterate is rounded up
 /// to whole steps and every constraint is looked at again, from those. Where something is missing the 4 x 4 d of that
 /// fine cell are raised by it; where the window's edge cuts some off and that is not enough, negative ones are brought
-/// nearer to zero until it is, at the latest at zero, where the window lowers nothing. From a field, canopy_refine_certify is the judge.
-/// From points it is a bounded float evaluation, and the promise is: where the surface so far was above a point, it
+/// nearer to zero until it is, at the latest at zero, where the window lowers nothing. From a field,
+/// canopy_refine_certify is the judge. From points it is a bounded float evaluation, and the promise is: where the surface so far was above a point, it
 /// still is, but for what the float error of the *place* of a point moves; a host then decides exactly
 /// (tools/common/exact.h). The result replaces what was published if its mean gap is smaller.
 ///
@@ -64,8 +65,8 @@ enum canopy_status canopy_refine_check(const struct canopy_frame *frame, const s
                                        uint32_t count, uint32_t *which);
 
 /// Where it matters most: the place of a window of span[0] x span[1] knot intervals, not meeting any of `taken` that is
-/// not of a coarser level, with the largest sum of `gaps`, one for each knot cell, row order, in any unit. CANOPY_EMPTY: nowhere, or nowhere is a
-/// gap; CANOPY_ARGUMENT, CANOPY_OUT_OF_FRAME: as canopy_refine_place. Cost: (m-1)(n-1) times 2 span[0] additions.
+/// not of a coarser level, with the largest sum of `gaps`, one for each knot cell, row order, in any unit.
+/// CANOPY_EMPTY: nowhere, or nowhere is a gap; CANOPY_ARGUMENT, CANOPY_OUT_OF_FRAME: as canopy_refine_place. Cost: (m-1)(n-1) times 2 span[0] additions.
 enum canopy_status canopy_refine_choose(const struct canopy_frame *frame, const uint32_t *gaps, unsigned level,
                                         const uint16_t span[2], const struct canopy_refinement *taken, uint32_t count,
                                         struct canopy_refinement *window);
@@ -167,8 +168,8 @@ enum canopy_status canopy_refine_field(struct canopy_refine *refine, struct cano
 enum canopy_status canopy_refine_begin(struct canopy_refine *refine);
 
 /// Does at most `budget` units of work: CANOPY_REFINE_CHUNK constraints in one pass, a row of the window's coefficients
-/// in the factorisation, a solve, or in a certificate as many fine cells. CANOPY_MORE, or CANOPY_OK when nothing is left
-/// to be gained. It can end after any call: what is published is safe.
+/// in the factorisation, a solve, or in a certificate as many fine cells. CANOPY_MORE, or CANOPY_OK when nothing is
+/// left to be gained. It can end after any call: what is published is safe.
 enum canopy_status canopy_refine_step(struct canopy_refine *refine, uint32_t budget);
 
 #endif

@@ -674,9 +674,9 @@ static void solve(struct canopy_refine *r, float *rhs) {
 
 // ---- Candidates
 
-// Raises what is in sight of a cell by as much as `by`, at the tries-th try at it. A few raise all alike: that is enough
-// where the window's edge cuts nothing off, and sooner or later elsewhere. Then negative ones go towards zero, where
-// the window lowers nothing.
+// Raises what is in sight of a cell by as much as `by`, at the tries-th try at it. The first few raise all alike: that
+// is enough where the window's edge cuts nothing off. Afterwards negative ones go towards zero, where the window lowers
+// nothing.
 static void raise(struct canopy_refine *r, const struct sight *sight, int32_t by, uint32_t tries) {
     const uint32_t n = r->window.size[1];
     for (uint32_t a = 0; a < sight->rows; a++) {
