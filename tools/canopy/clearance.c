@@ -75,18 +75,18 @@ static bool to_plane(const struct arguments *a, struct canopy_queried *surface, 
     if (!canopy_queried_scale_plane(surface, abc, &question, &plane)) {
         return canopy_fault_set(fault, "--plane %s: it is too far from the surface", a->plane);
     }
-    return ask(&question, &a->options, fault);
+    return (question.step > 0.0 || canopy_queried_no_memory(surface, fault)) && ask(&question, &a->options, fault);
 }
 
 static bool to_surface(const struct arguments *a, struct canopy_queried *first, struct canopy_queried *second,
                        struct canopy_fault *fault) {
     struct canopy_queried *const all[] = {first, second};
-    if (!canopy_queried_read(a->paths[1], second, fault) || !canopy_queried_match(first, second, fault)) {
+    if (!canopy_queried_read_refined(a->paths[1], second, fault) || !canopy_queried_match(first, second, fault)) {
         return false;
     }
     const struct canopy_queried_question question = {
         .surface = first, .minus = second, .step = canopy_queried_scale(all, 2, 0.0)};
-    return ask(&question, &a->options, fault);
+    return (question.step > 0.0 || canopy_queried_no_memory(first, fault)) && ask(&question, &a->options, fault);
 }
 
 int canopy_command_clearance(int argc, char **argv) {
@@ -100,7 +100,7 @@ int canopy_command_clearance(int argc, char **argv) {
     argp_parse(&argp, argc, argv, 0, NULL, &arguments);
     struct canopy_fault fault;
     struct canopy_queried queried[2] = {{.path = NULL}};
-    const bool ok = canopy_queried_read(arguments.paths[0], &queried[0], &fault) &&
+    const bool ok = canopy_queried_read_refined(arguments.paths[0], &queried[0], &fault) &&
                     (arguments.plane ? to_plane(&arguments, &queried[0], &fault)
                                      : to_surface(&arguments, &queried[0], &queried[1], &fault));
     canopy_queried_free(&queried[0]);

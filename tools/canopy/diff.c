@@ -51,45 +51,71 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     }
 }
 
-static const char *coverage_of(const struct canopy_query_subject *before, const struct canopy_query_subject *after,
-                               uint32_t row, uint32_t column) {
-    const bool was = canopy_query_counts(before, row, column), is = canopy_query_counts(after, row, column);
+static bool covers(const struct canopy_surrogate *s, size_t cell) { return !s->trim || s->trim[cell]; }
+
+static const char *coverage_of(const struct canopy_surrogate *before, const struct canopy_surrogate *after,
+                               size_t cell) {
+    const bool was = covers(before, cell), is = covers(after, cell);
     return was ? is ? "kept" : "lost" : is ? "gained" : "none";
 }
 
-static void print_cells(const struct canopy_queried *before, const struct canopy_queried *after, double step) {
+/// Bounds of the change over a knot cell, which is several of the envelopes' where there are refinement windows.
+static void bound_cell(const struct canopy_queried *before, const struct canopy_queried *after, uint32_t row,
+                       uint32_t column, int32_t bounds[2]) {
     const struct canopy_query_subject down = {.surface = &after->low, .minus = &before->high};
     const struct canopy_query_subject up = {.surface = &after->high, .minus = &before->low};
-    const struct canopy_query_subject was = {.surface = &before->low, .covered = true};
-    const struct canopy_query_subject is = {.surface = &after->low, .covered = true};
+    const uint32_t parts = 1U << after->level;
+    bounds[0] = INT32_MAX;
+    bounds[1] = INT32_MIN;
+    for (uint32_t i = 0; i < parts * parts; i++) {
+        const uint32_t h = row * parts + i / parts, w = column * parts + i % parts;
+        int32_t low = 0, high = 0, other = 0;  // cannot fail: the coefficients have been scaled into their limit
+        (void)canopy_query_cell(&down, h, w, &low, &other);
+        (void)canopy_query_cell(&up, h, w, &other, &high);
+        bounds[0] = low < bounds[0] ? low : bounds[0];
+        bounds[1] = high > bounds[1] ? high : bounds[1];
+    }
+}
+
+static void print_cells(const struct canopy_queried *before, const struct canopy_queried *after, double step) {
+    size_t cell = 0;
     for (uint32_t row = 0; row + 1 < before->surrogate.size[0]; row++) {
-        for (uint32_t column = 0; column + 1 < before->surrogate.size[1]; column++) {
-            int32_t low = 0, high = 0, other = 0;  // cannot fail: the coefficients have been scaled into their limit
-            (void)canopy_query_cell(&down, row, column, &low, &other);
-            (void)canopy_query_cell(&up, row, column, &other, &high);
-            printf("%u %u %.17g %.17g %s\n", row, column, canopy_queried_height(after, low, step, false, false),
-                   canopy_queried_height(after, high, step, false, true), coverage_of(&was, &is, row, column));
+        for (uint32_t column = 0; column + 1 < before->surrogate.size[1]; column++, cell++) {
+            int32_t bounds[2];
+            bound_cell(before, after, row, column, bounds);
+            printf("%u %u %.17g %.17g %s\n", row, column, canopy_queried_height(after, bounds[0], step, false, false),
+                   canopy_queried_height(after, bounds[1], step, false, true),
+                   coverage_of(&before->surrogate, &after->surrogate, cell));
         }
     }
+}
+
+static void print_coverage(const struct canopy_surrogate *before, const struct canopy_surrogate *after) {
+    uint32_t kept = 0, gained = 0, lost = 0;
+    for (size_t i = 0; i < (size_t)(before->size[0] - 1) * (before->size[1] - 1); i++) {
+        const bool was = covers(before, i), is = covers(after, i);
+        kept += was && is;
+        gained += !was && is;
+        lost += was && !is;
+    }
+    printf("cells: %u covered in both, %u gained, %u lost\n", kept, gained, lost);
 }
 
 static bool run(const struct arguments *a, struct canopy_queried *before, struct canopy_queried *after,
                 struct canopy_fault *fault) {
     struct canopy_queried *const all[] = {before, after};
-    if (!canopy_queried_read(a->paths[0], before, fault) || !canopy_queried_read(a->paths[1], after, fault) ||
-        !canopy_queried_match(before, after, fault)) {
+    if (!canopy_queried_read_refined(a->paths[0], before, fault) ||
+        !canopy_queried_read_refined(a->paths[1], after, fault) || !canopy_queried_match(before, after, fault)) {
         return false;
     }
     const struct canopy_queried_question question = {
         .surface = after, .minus = before, .step = canopy_queried_scale(all, 2, 0.0)};
-    if (!canopy_queried_print(&question, &a->options, CANOPY_HIGHEST, "rise", fault) ||
+    if (!(question.step > 0.0 || canopy_queried_no_memory(before, fault)) ||
+        !canopy_queried_print(&question, &a->options, CANOPY_HIGHEST, "rise", fault) ||
         !canopy_queried_print(&question, &a->options, CANOPY_LOWEST, "fall", fault)) {
         return false;
     }
-    struct canopy_query_coverage coverage = {0};
-    // The sides may differ, the frames have been compared: it cannot fail.
-    (void)canopy_query_coverage(&before->low, &after->low, &coverage);
-    printf("cells: %u covered in both, %u gained, %u lost\n", coverage.kept, coverage.gained, coverage.lost);
+    print_coverage(&before->surrogate, &after->surrogate);
     if (a->cells) {
         print_cells(before, after, question.step);
     }

@@ -7,48 +7,71 @@
 #include <string.h>
 
 #include "lib/num/bits.h"
+#include "tools/canopy/flat.h"
 #include "tools/common/option.h"
 
 // ---------------------------------------------------------------------------------------------------------------------
 // Reading
 
-bool canopy_queried_read(const char *path, struct canopy_queried *queried, struct canopy_fault *fault) {
+static bool no_memory(const char *path, struct canopy_fault *fault) {
+    return canopy_fault_set(fault, "%s: out of memory: close other programs", path);
+}
+
+bool canopy_queried_no_memory(const struct canopy_queried *queried, struct canopy_fault *fault) {
+    return no_memory(queried->path, fault);
+}
+
+/// Memory and frame for the grid of a level. False: no memory.
+static bool set_level(struct canopy_queried *queried, unsigned level) {
+    const struct canopy_surrogate *s = &queried->surrogate;
+    struct canopy_envelope *low = &queried->low, *high = &queried->high;
+    const uint32_t m = canopy_flat_size(s, 0, level), n = canopy_flat_size(s, 1, level);
+    free(low->coefficients);
+    free(high->coefficients);
+    free(low->coverage);
+    low->coefficients = malloc(CANOPY_COEFFICIENTS(m, n) * sizeof *low->coefficients);
+    high->coefficients = malloc(CANOPY_COEFFICIENTS(m, n) * sizeof *high->coefficients);
+    low->coverage = high->coverage = calloc(CANOPY_COVERAGE_BYTES(m, n), 1);
+    if (!low->coefficients || !high->coefficients || !low->coverage) {
+        return false;
+    }
+    low->frame = (struct canopy_frame){.size = {(uint16_t)m, (uint16_t)n},
+                                       .pitch = {CANOPY_QUERIED_PITCH >> level, CANOPY_QUERIED_PITCH >> level},
+                                       .cells = 1,
+                                       .side = (uint8_t)s->side};
+    for (int k = 0; k < 3; k++) {
+        low->frame.axis[k][k] = CANOPY_AXIS_ONE;
+    }
+    high->frame = low->frame;
+    for (uint32_t h = 0; h < m - 1; h++) {
+        for (uint32_t w = 0; w < n - 1; w++) {
+            if (!s->trim || s->trim[(size_t)(h >> level) * (s->size[1] - 1) + (w >> level)]) {
+                canopy_bit_set(low->coverage, h * (n - 1) + w);
+            }
+        }
+    }
+    queried->level = level;
+    return true;
+}
+
+bool canopy_queried_read_refined(const char *path, struct canopy_queried *queried, struct canopy_fault *fault) {
     *queried = (struct canopy_queried){.path = path};
     struct canopy_surrogate *s = &queried->surrogate;
     if (!canopy_surrogate_read(path, s, fault)) {
         memset(s, 0, sizeof *s);
         return false;
     }
-    if (s->window_count > 0) {
-        return canopy_fault_set(fault,
-                                "%s: \"windows\": questions are about one grid: give a surrogate without refinement "
-                                "windows",
-                                path);
-    }
-    const size_t count = (size_t)s->size[0] * s->size[1];
-    struct canopy_envelope *low = &queried->low;
-    low->frame = (struct canopy_frame){.size = {(uint16_t)s->size[0], (uint16_t)s->size[1]},
-                                       .pitch = {CANOPY_QUERIED_PITCH, CANOPY_QUERIED_PITCH},
-                                       .cells = 1,
-                                       .side = (uint8_t)s->side};
-    for (int k = 0; k < 3; k++) {
-        low->frame.axis[k][k] = CANOPY_AXIS_ONE;
-    }
-    low->scalar = (uint8_t)s->scalar;
-    queried->high = *low;
-    low->coefficients = malloc(count * sizeof *low->coefficients);
-    queried->high.coefficients = malloc(count * sizeof *low->coefficients);
-    low->coverage = queried->high.coverage = calloc(CANOPY_COVERAGE_BYTES(s->size[0], s->size[1]), 1);
-    if (!low->coefficients || !queried->high.coefficients || !low->coverage) {
-        return canopy_fault_set(fault, "%s: out of memory: close other programs", path);
-    }
-    const uint32_t cells = (s->size[0] - 1) * (s->size[1] - 1);
-    for (uint32_t i = 0; i < cells; i++) {
-        if (!s->trim || s->trim[i]) {
-            canopy_bit_set(low->coverage, i);
-        }
-    }
-    return true;
+    queried->low.scalar = queried->high.scalar = (uint8_t)s->scalar;
+    return set_level(queried, 0) || no_memory(path, fault);
+}
+
+bool canopy_queried_read(const char *path, struct canopy_queried *queried, struct canopy_fault *fault) {
+    return canopy_queried_read_refined(path, queried, fault) &&
+           (queried->surrogate.window_count == 0 ||
+            canopy_fault_set(fault,
+                             "%s: \"windows\": this question is about one grid: give a surrogate without refinement "
+                             "windows, or make it one with canopy regrid",
+                             path));
 }
 
 void canopy_queried_free(struct canopy_queried *queried) {
@@ -75,31 +98,54 @@ bool canopy_queried_match(const struct canopy_queried *a, const struct canopy_qu
 // ---------------------------------------------------------------------------------------------------------------------
 // Steps
 
-static double largest_height(const struct canopy_surrogate *s) {
+static double largest_of(const double *values, size_t count) {
     double largest = 0.0;
-    for (size_t i = 0; i < (size_t)s->size[0] * s->size[1]; i++) {
-        largest = fmax(largest, fabs(s->coefficients[i]) * s->lsb);
+    for (size_t i = 0; i < count; i++) {
+        largest = fmax(largest, fabs(values[i]));
     }
     return largest;
 }
 
-/// coefficient * ratio, rounded down and up; `rough` where the product itself is rounded.
-static void round_coefficients(struct canopy_queried *q, double ratio, bool rough) {
-    const struct canopy_surrogate *s = &q->surrogate;
-    q->exact = true;
-    for (size_t i = 0; i < (size_t)s->size[0] * s->size[1]; i++) {
-        const double steps = s->coefficients[i] * ratio;
-        const double doubt = rough ? fabs(steps) * 0x1p-50 : 0.0;
-        q->low.coefficients[i] = (int32_t)floor(steps - doubt);
-        q->high.coefficients[i] = (int32_t)ceil(steps + doubt);
-        q->exact = q->exact && q->low.coefficients[i] == q->high.coefficients[i];
+/// No coefficient on any grid, windows added up, is larger.
+static double largest_height(const struct canopy_surrogate *s) {
+    double sum = largest_of(s->coefficients, (size_t)s->size[0] * s->size[1]);
+    for (size_t k = 0; k < s->window_count; k++) {
+        sum += largest_of(s->windows[k].coefficients, (size_t)s->windows[k].size[0] * s->windows[k].size[1]);
     }
+    return sum * s->lsb;
+}
+
+/// Coefficients in steps, rounded down and up.
+static bool set_coefficients(struct canopy_queried *q, double step) {
+    const struct canopy_surrogate *s = &q->surrogate;
+    const size_t count = CANOPY_COEFFICIENTS(q->low.frame.size[0], q->low.frame.size[1]);
+    const double ratio = s->lsb / step;
+    int exponent = 0;
+    const double doubt = frexp(ratio, &exponent) == 0.5 ? 0.0 : 0x1p-50;  // a power of two: products are exact
+    for (size_t i = 0; q->level == 0 && i < count; i++) {
+        const double x = s->coefficients[i] * ratio;
+        q->low.coefficients[i] = (int32_t)floor(x - fabs(x) * doubt);
+        q->high.coefficients[i] = (int32_t)ceil(x + fabs(x) * doubt);
+    }
+    if (q->level > 0 && (!canopy_flat_write(s, q->level, ratio, doubt, false, q->low.coefficients) ||
+                         !canopy_flat_write(s, q->level, ratio, doubt, true, q->high.coefficients))) {
+        return false;
+    }
+    q->apart = 0;
+    for (size_t i = 0; i < count; i++) {
+        const int32_t apart = q->high.coefficients[i] - q->low.coefficients[i];
+        q->apart = apart > q->apart ? apart : q->apart;
+    }
+    return true;
 }
 
 double canopy_queried_scale(struct canopy_queried *const queried[], size_t count, double reach) {
     double step = queried[0]->surrogate.lsb;
+    unsigned level = 0;
     for (size_t k = 0; k < count; k++) {
         const struct canopy_surrogate *s = &queried[k]->surrogate;
+        const unsigned own = canopy_flat_level(s);
+        level = own > level ? own : level;
         step = fmin(step, s->lsb);
         reach = fmax(reach, largest_height(s));
     }
@@ -110,9 +156,9 @@ double canopy_queried_scale(struct canopy_queried *const queried[], size_t count
         step *= 2.0;
     }
     for (size_t k = 0; k < count; k++) {
-        const double ratio = queried[k]->surrogate.lsb / step;
-        int exponent = 0;
-        round_coefficients(queried[k], ratio, frexp(ratio, &exponent) != 0.5);
+        if ((queried[k]->level != level && !set_level(queried[k], level)) || !set_coefficients(queried[k], step)) {
+            return 0.0;
+        }
     }
     return step;
 }
@@ -311,8 +357,37 @@ static bool find(const struct canopy_query_subject *subject, const struct canopy
                                 "about a larger --window",
                                 path);
     }
-    return status == CANOPY_OK || status == CANOPY_MORE ||
-           canopy_fault_set(fault, "%s: out of memory: close other programs", path);
+    return status == CANOPY_OK || status == CANOPY_MORE || no_memory(path, fault);
+}
+
+/// What the subject is at least (the highest asked for) or at most at the place of an answer, from the envelopes on the
+/// other side. `attained` is of those that were asked, which may be `apart` off everywhere: this is another way, good
+/// where the envelopes differ in few places. Returns the better of the two.
+static int32_t attained_at(const struct canopy_queried_question *q, const struct canopy_extreme_answer *answer,
+                           bool up) {
+    const int32_t sign = up ? 1 : -1;
+    const int32_t apart = q->surface->apart + (q->minus ? q->minus->apart : 0) + q->slack;
+    const int32_t general = answer->attained - sign * apart;
+    if (apart == q->slack) {
+        return general;
+    }
+    int32_t surface[2] = {0, 0}, minus[2] = {0, 0};
+    (void)canopy_envelope_height(up ? &q->surface->low : &q->surface->high, answer->at[0], answer->at[1], &surface[0],
+                                 &surface[1]);  // cannot fail: the place is in the frame
+    if (q->minus) {
+        (void)canopy_envelope_height(up ? &q->minus->high : &q->minus->low, answer->at[0], answer->at[1], &minus[0],
+                                     &minus[1]);
+    }
+    double plane = 0.0;
+    if (q->plane) {
+        const double pitch = q->surface->low.frame.pitch[0];
+        plane = ((double)q->plane->at_origin + (double)q->plane->rise[0] * answer->at[0] / pitch +
+                 (double)q->plane->rise[1] * answer->at[1] / pitch) /
+                (double)CANOPY_QUERY_PLANE_ONE;
+    }
+    const int32_t there = up ? surface[0] - minus[1] : surface[1] - minus[0];
+    const int32_t here = there - (int32_t)lrint(plane) - sign * (1 + q->slack);
+    return (here - general) * sign > 0 ? here : general;
 }
 
 bool canopy_queried_print(const struct canopy_queried_question *question, const struct canopy_queried_options *options,
@@ -336,16 +411,14 @@ bool canopy_queried_print(const struct canopy_queried_question *question, const 
         return false;
     }
     const int32_t sign = up ? 1 : -1;
-    // Rounded coefficients are off by less than two steps, on the side of the bound.
-    const int32_t off = question->slack + (surface->exact ? 0 : 2) + (!minus || minus->exact ? 0 : 2);
     printf("%s %.17g", name,
            canopy_queried_height(surface, answer.bound + sign * question->slack, question->step, from_zero, up));
     if (answer.found) {
         double place[2];
         canopy_queried_place(surface, answer.at, place);
         printf(" attained %.17g at %.10g %.10g",
-               canopy_queried_height(surface, answer.attained - sign * off, question->step, from_zero, !up), place[0],
-               place[1]);
+               canopy_queried_height(surface, attained_at(question, &answer, up), question->step, from_zero, !up),
+               place[0], place[1]);
     }
     putchar('\n');
     return true;
@@ -402,12 +475,17 @@ bool canopy_queried_scale_plane(struct canopy_queried *surface, const double abc
     const bool ok = far < 1e300;
     if (ok) {
         question->step = canopy_queried_scale(all, 1, far * 1.0001);
+    }
+    if (ok && question->step > 0.0) {
+        // The envelope's knot intervals may be parts of the surrogate's.
+        mpq_div_2exp(parts[1], parts[1], surface->level);
+        mpq_div_2exp(parts[2], parts[2], surface->level);
         plane->at_origin = in_steps(parts[0], question->step);
         plane->rise[0] = in_steps(parts[1], question->step);
         plane->rise[1] = in_steps(parts[2], question->step);
         question->plane = plane;
         // Each of the three is rounded by 2^-16 step, two of them times knot intervals.
-        question->slack = 1 + (int32_t)((s->size[0] + s->size[1]) >> 16);
+        question->slack = 1 + (int32_t)(((s->size[0] + s->size[1]) << surface->level) >> 16);
     }
     mpq_clears(parts[0], parts[1], parts[2], NULL);
     return ok;

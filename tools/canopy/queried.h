@@ -24,19 +24,24 @@ struct canopy_queried {
     const char *path;
     struct canopy_surrogate surrogate;
     struct canopy_envelope low, high;  ///< the surface is nowhere below `low` or above `high`
-    bool exact;                        ///< the two are the same
+    int32_t apart;                     ///< steps between them at most; 0: they are the same
+    unsigned level;                    ///< the envelopes' pitch is 2^-level of the surrogate's
 };
 
-/// Reads a surrogate. One with refinement windows is a fault: the questions are about one grid. Memory as the file, and
-/// 8 bytes a coefficient. Needs canopy_queried_free after success and after failure.
+/// Reads a surrogate. Memory as the file, and 8 bytes a coefficient. Needs canopy_queried_free after success and after
+/// failure.
+bool canopy_queried_read_refined(const char *path, struct canopy_queried *queried, struct canopy_fault *fault);
+
+/// The same for questions about one grid: refinement windows are a fault.
 bool canopy_queried_read(const char *path, struct canopy_queried *queried, struct canopy_fault *fault);
 void canopy_queried_free(struct canopy_queried *queried);
 
 /// Whether both have one unit and frame; the fault names both files and the first thing that differs.
 bool canopy_queried_match(const struct canopy_queried *a, const struct canopy_queried *b, struct canopy_fault *fault);
 
-/// Makes the envelopes of all, with one step, which is returned: the finest of their own, times the power of two for
-/// which the largest coefficient, or `reach` (device units) if that is larger, has 27 bits.
+/// Makes the envelopes of all, on one grid and with one step, which is returned: the finest of their own, times the power
+/// of two for which the largest coefficient, or `reach` (device units) if that is larger, has 27 bits. The grid is as
+/// fine as the finest refinement window of any (flat.h). 0 if there is no memory for that, never without windows.
 double canopy_queried_scale(struct canopy_queried *const queried[], size_t count, double reach);
 
 // ---- What the commands have in common on their command line
@@ -76,9 +81,12 @@ struct canopy_queried_question {
 };
 
 /// Makes the envelopes of a surface in a step that is good for the plane of height A U + B V + C too, in input units,
-/// and both part of the question. False: the plane is too far away for any.
+/// and both part of the question, whose step is 0 if there is no memory. False: the plane is too far away for any.
 bool canopy_queried_scale_plane(struct canopy_queried *surface, const double abc[3],
                                 struct canopy_queried_question *question, struct canopy_query_plane *plane);
+
+/// For the envelopes that could not be made. Always returns false.
+bool canopy_queried_no_memory(const struct canopy_queried *queried, struct canopy_fault *fault);
 
 /// Finds and prints the highest or the lowest, one line: NAME BOUND attained VALUE at U V.
 bool canopy_queried_print(const struct canopy_queried_question *question, const struct canopy_queried_options *options,

@@ -91,25 +91,38 @@ static void drop(struct canopy_envelope *envelope) {
     *envelope = (struct canopy_envelope){.coefficients = NULL};
 }
 
+static const struct canopy_envelope *outer(const struct job *job) {
+    return job->old->surrogate.side == CANOPY_BELOW ? &job->old->low : &job->old->high;
+}
+
+/// 2^level, and as often again as an axis is halved, for a pitch.
+static double halvings(const struct job *job, int times) { return ldexp(1.0, (int)job->old->level + times); }
+
+static bool copy(const struct canopy_envelope *from, struct canopy_envelope *to, struct canopy_fault *fault) {
+    const uint32_t m = from->frame.size[0], n = from->frame.size[1];
+    *to = *from;
+    if (!make_room(to, m, n, fault)) {
+        return false;
+    }
+    memcpy(to->coefficients, from->coefficients, CANOPY_COEFFICIENTS(m, n) * sizeof *to->coefficients);
+    memcpy(to->coverage, from->coverage, CANOPY_COVERAGE_BYTES(m, n));
+    return true;
+}
+
 /// How often each axis is halved to get from one grid to the other; false if that does not do it.
 static bool count_halvings(const struct job *job, int times[2]) {
     bool any = false;
     for (int axis = 0; axis < 2; axis++) {
-        const uint32_t intervals = job->old->surrogate.size[axis] - 1, wanted = job->size[axis] - 1U;
+        const uint32_t intervals = outer(job)->frame.size[axis] - 1U, wanted = job->size[axis] - 1U;
         times[axis] = wanted == intervals ? 0 : wanted == 2 * intervals ? 1 : wanted == 4 * intervals ? 2 : -1;
-        const double pitch = job->old->surrogate.pitch[axis];
         // In fixed point a pitch is a whole number of units.
-        if (times[axis] < 0 ||
-            (job->old->surrogate.scalar == CANOPY_FX && times[axis] > 0 && fmod(pitch, 1 << times[axis]) != 0.0)) {
+        if (times[axis] < 0 || (job->old->surrogate.scalar == CANOPY_FX &&
+                                fmod(job->old->surrogate.pitch[axis], halvings(job, times[axis])) != 0.0)) {
             return false;
         }
-        any = any || times[axis] > 0;
+        any = any || times[axis] > 0 || job->old->level > 0;
     }
     return any && !job->arguments->box.window;
-}
-
-static const struct canopy_envelope *outer(const struct job *job) {
-    return job->old->surrogate.side == CANOPY_BELOW ? &job->old->low : &job->old->high;
 }
 
 static bool insert_knots(struct job *job, const int times[2]) {
@@ -132,10 +145,10 @@ static bool insert_knots(struct job *job, const int times[2]) {
             from = to;
             own = true;
         }
-        job->out.pitch[axis] = job->old->surrogate.pitch[axis] / (1 << times[axis]);
+        job->out.pitch[axis] = job->old->surrogate.pitch[axis] / halvings(job, times[axis]);
     }
     job->now = from;
-    return true;
+    return own || copy(outer(job), &job->now, job->fault);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -145,6 +158,7 @@ static bool insert_knots(struct job *job, const int times[2]) {
 /// made finer as long as the frame's edges keep to 22 bits.
 static bool find_quantum(const struct job *job, double *quantum) {
     const struct canopy_surrogate *s = &job->old->surrogate;
+    const double pitch[2] = {s->pitch[0] / halvings(job, 0), s->pitch[1] / halvings(job, 0)};
     const double width = fmax(s->pitch[0] * (s->size[0] - 1.0), s->pitch[1] * (s->size[1] - 1.0));
     *quantum = 1.0;
     if (s->scalar == CANOPY_F32) {
@@ -155,11 +169,11 @@ static bool find_quantum(const struct job *job, double *quantum) {
         int exponent = 0;
         frexp(reach, &exponent);
         *quantum = ldexp(1.0, exponent - 22);
-        while (fmod(s->pitch[0], *quantum) != 0.0 || fmod(s->pitch[1], *quantum) != 0.0) {
+        while (fmod(pitch[0], *quantum) != 0.0 || fmod(pitch[1], *quantum) != 0.0) {
             *quantum /= 2.0;
         }
     }
-    return fmod(s->pitch[0], *quantum) == 0.0 && fmod(s->pitch[1], *quantum) == 0.0 && width / *quantum <= 0x1p31;
+    return fmod(pitch[0], *quantum) == 0.0 && fmod(pitch[1], *quantum) == 0.0 && width / *quantum <= 0x1p31;
 }
 
 /// Whether a part of the frame has an origin that is a whole quantum too: the axes are coordinate axes.
@@ -182,8 +196,9 @@ static bool find_box(const struct job *job, const struct canopy_frame *frame, st
     }
     for (int axis = 0; axis < 2; axis++) {
         const uint64_t pitch = frame->pitch[axis];
-        box->low[axis] = (uint32_t)(asked.low[axis] * pitch / CANOPY_QUERIED_PITCH);
-        box->high[axis] = (uint32_t)((asked.high[axis] * pitch + CANOPY_QUERIED_PITCH - 1) / CANOPY_QUERIED_PITCH);
+        const uint32_t of = job->old->low.frame.pitch[axis];
+        box->low[axis] = (uint32_t)(asked.low[axis] * pitch / of);
+        box->high[axis] = (uint32_t)((asked.high[axis] * pitch + of - 1) / of);
     }
     return (box->low[0] == 0 && box->low[1] == 0) || axes_are_straight(&job->old->surrogate) ||
            canopy_fault_set(job->fault, "--box %s: the frame is turned: give a part that begins at its corner",
@@ -336,9 +351,9 @@ static void place(struct job *job, double quantum, const struct canopy_query_rec
 }
 
 /// Heights of a field are below 2^25 steps, coefficients may be larger: then the steps become coarser.
-static void make_heights_fit(struct job *job) {
+static bool make_heights_fit(struct job *job) {
     struct canopy_queried *const all[] = {job->old};
-    const size_t count = CANOPY_COEFFICIENTS(job->old->surrogate.size[0], job->old->surrogate.size[1]);
+    const size_t count = CANOPY_COEFFICIENTS(outer(job)->frame.size[0], outer(job)->frame.size[1]);
     double largest = 0.0;
     for (size_t i = 0; i < count; i++) {
         largest = fmax(largest, fabs((double)outer(job)->coefficients[i]));
@@ -346,6 +361,7 @@ static void make_heights_fit(struct job *job) {
     if (largest > CANOPY_HEIGHT_LIMIT * 0.5) {
         job->step = canopy_queried_scale(all, 1, 16.0 * largest * job->step);
     }
+    return job->step > 0.0 || canopy_queried_no_memory(job->old, job->fault);
 }
 
 static bool fit_above(struct job *job) {
@@ -359,7 +375,7 @@ static bool fit_above(struct job *job) {
                                 job->old->path);
     }
     for (int axis = 0; axis < 2; axis++) {
-        old.frame.pitch[axis] = (uint32_t)(job->old->surrogate.pitch[axis] / quantum);
+        old.frame.pitch[axis] = (uint32_t)(job->old->surrogate.pitch[axis] / halvings(job, 0) / quantum);
     }
     struct canopy_frame frame;
     if (!find_box(job, &old.frame, &box)) {
@@ -427,19 +443,24 @@ static bool read_grid(struct job *job) {
 
 static bool run(struct job *job) {
     struct canopy_queried *const all[] = {job->old};
-    if (!read_grid(job) || !canopy_queried_read(job->arguments->path, job->old, job->fault)) {
+    if (!read_grid(job) || !canopy_queried_read_refined(job->arguments->path, job->old, job->fault)) {
         return false;
     }
     const struct canopy_surrogate *s = &job->old->surrogate;
     job->step = canopy_queried_scale(all, 1, 0.0);
+    if (!(job->step > 0.0)) {
+        return canopy_queried_no_memory(job->old, job->fault);
+    }
     int times[2];
     const bool finer = count_halvings(job, times);
-    if (!finer) {
-        make_heights_fit(job);
+    if (!finer && !make_heights_fit(job)) {
+        return false;
     }
     job->out = *s;
     job->out.coefficients = NULL;
     job->out.trim = NULL;
+    job->out.windows = NULL;
+    job->out.window_count = 0;
     if (!(finer ? insert_knots(job, times) : fit_above(job)) || !store(job)) {
         return false;
     }

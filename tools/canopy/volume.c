@@ -56,14 +56,16 @@ static bool run(const struct arguments *a, struct canopy_queried *first, struct 
     double height = 0.0;
     struct canopy_query_rect rect;
     if ((!two && !canopy_option_real("height", a->height, -1e300, 1e300, &height, fault)) ||
-        !canopy_queried_read(a->paths[0], first, fault) ||
-        (two && !(canopy_queried_read(a->paths[1], second, fault) && canopy_queried_match(first, second, fault))) ||
+        !canopy_queried_read_refined(a->paths[0], first, fault) ||
+        (two &&
+         !(canopy_queried_read_refined(a->paths[1], second, fault) && canopy_queried_match(first, second, fault))) ||
         !canopy_queried_window(first, &a->options, &rect, fault)) {
         return false;
     }
     const double step = canopy_queried_scale(all, two ? 2 : 1, 0.0);
     struct canopy_queried_volume volume;
-    if (!canopy_queried_find_volume(first, two ? second : NULL, step, height, &rect, a->options.covered, &volume,
+    if (!(step > 0.0 || canopy_queried_no_memory(first, fault)) ||
+        !canopy_queried_find_volume(first, two ? second : NULL, step, height, &rect, a->options.covered, &volume,
                                     fault)) {
         return false;
     }

@@ -49,11 +49,12 @@ int canopy_command_window(int argc, char **argv) {
     struct canopy_fault fault;
     struct canopy_queried queried;
     struct canopy_queried *const all[] = {&queried};
-    bool ok = canopy_queried_read(arguments.path, &queried, &fault);
+    bool ok = canopy_queried_read_refined(arguments.path, &queried, &fault);
     if (ok) {
         const struct canopy_queried_question question = {.surface = &queried,
                                                          .step = canopy_queried_scale(all, 1, 0.0)};
-        ok = canopy_queried_print(&question, &arguments.options, CANOPY_HIGHEST, "highest", &fault) &&
+        ok = (question.step > 0.0 || canopy_queried_no_memory(&queried, &fault)) &&
+             canopy_queried_print(&question, &arguments.options, CANOPY_HIGHEST, "highest", &fault) &&
              canopy_queried_print(&question, &arguments.options, CANOPY_LOWEST, "lowest", &fault);
     }
     canopy_queried_free(&queried);
