@@ -22,9 +22,9 @@
 /// to whole steps and every constraint is looked at again, from those. Where something is missing the 4 x 4 d of that
 /// fine cell are raised by it; where the window's edge cuts some off and that is not enough, negative ones are brought
 /// nearer to zero until it is, at the latest at zero, where the window lowers nothing. From a field,
-/// canopy_refine_certify is the judge. From points it is a bounded float evaluation, and the promise is: where the surface so far was above a point, it
-/// still is, but for what the float error of the *place* of a point moves; a host then decides exactly
-/// (tools/common/exact.h). The result replaces what was published if its mean gap is smaller.
+/// canopy_refine_certify is the judge. From points it is a bounded float evaluation, and the promise is: where the
+/// surface so far was above a point, it still is, but for what the float error of the *place* of a point moves; a host
+/// then decides exactly (tools/common/exact.h). The result replaces what was published if its mean gap is smaller.
 ///
 /// Heights are steps in the library's orientation: above, mirrored for the side below. Stack: 2 KB.
 ///
@@ -66,7 +66,8 @@ enum canopy_status canopy_refine_check(const struct canopy_frame *frame, const s
 
 /// Where it matters most: the place of a window of span[0] x span[1] knot intervals, not meeting any of `taken` that is
 /// not of a coarser level, with the largest sum of `gaps`, one for each knot cell, row order, in any unit.
-/// CANOPY_EMPTY: nowhere, or nowhere is a gap; CANOPY_ARGUMENT, CANOPY_OUT_OF_FRAME: as canopy_refine_place. Cost: (m-1)(n-1) times 2 span[0] additions.
+/// CANOPY_EMPTY: nowhere, or nowhere is a gap; CANOPY_ARGUMENT, CANOPY_OUT_OF_FRAME: as canopy_refine_place.
+/// Cost: (m-1)(n-1) times 2 span[0] additions.
 enum canopy_status canopy_refine_choose(const struct canopy_frame *frame, const uint32_t *gaps, unsigned level,
                                         const uint16_t span[2], const struct canopy_refinement *taken, uint32_t count,
                                         struct canopy_refinement *window);
