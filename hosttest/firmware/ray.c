@@ -1,7 +1,7 @@
 // What rays cost on the chip, in instructions: run by hosttest/bench_firmware.py.
 //
-// The scenes of scene.h, 400 columns x 344 profiles, fitted to 20 x 20 coefficients from a field with Q = 4, and 256 rays
-// from everywhere over three frame widths, high above, to everywhere in the frame: fixed point.
+// The scenes of scene.h, 400 columns x 344 profiles, fitted to 20 x 20 coefficients from a field with Q = 4, and 256
+// rays from everywhere over three frame widths, high above, to everywhere in the frame: fixed point.
 //   mean, most    a ray;  cells_x100, hits: how many cells it looks at, and how many of the 256 hit
 //   plumb         a ray straight down;  free: a segment over everything, from edge to edge
 //   steps         most root-finder steps in one cell

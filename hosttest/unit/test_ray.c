@@ -31,6 +31,19 @@ UNIT(wide_quotients_are_exact) {
         CHECK(!canopy_ratio_less(a, c, quotient, b > 0 ? b : 1) || b == 0);     // quotient <= a b / c
         CHECK(canopy_ratio_less(a, c, quotient + 1, b > 0 ? b : 1) || b == 0);  // and the next is not
     }
+    // Where the first guess of a digit is too large by one and by two, and where its rest overflows: quotients known
+    const uint64_t hard[4] = {0x8000000000000001U, 0x80000000FFFFFFFFU, 0xFFFFFFFF00000001U, 0xFFFFFFFFFFFFFFFFU};
+    for (int i = 0; i < 16; i++) {
+        for (uint64_t b = hard[i / 4] - 4; b != 0 && b >= hard[i / 4] - 4; b++) {
+            const uint64_t c = hard[i % 4], rest = i % 2 == 0 ? 0 : c - 1, quotient = b % c;
+            const struct canopy_wide_product bc = canopy_wide_by_digits(quotient, c);
+            const struct canopy_wide_product sum = {bc.high + (bc.low + rest < rest), bc.low + rest};
+            CHECK_EQ(canopy_wide_divide_by_digits(sum, c), quotient);
+            if (b == hard[i / 4]) {
+                break;
+            }
+        }
+    }
     CHECK_EQ(canopy_mul_div(UINT64_MAX, UINT64_MAX, UINT64_MAX), UINT64_MAX);
     CHECK_EQ(canopy_mul_div(UINT64_MAX, 2, 1), UINT64_MAX);  // does not fit
     CHECK_EQ(canopy_wide_divide_by_digits((struct canopy_wide_product){UINT64_MAX - 1, 0}, UINT64_MAX), UINT64_MAX - 1);
@@ -116,6 +129,42 @@ UNIT(dips_are_told_from_zeros) {
     CHECK(second.found && second.settled);
     CHECK_NEAR(second.at / 1073741824.0, 0.6, 0.02);
     CHECK(bernstein(lifted, 6, second.at / 1073741824.0) >= -0.01);
+}
+
+// Any polynomial, seen at many places: positive before the zero that is found, and everywhere if there is none.
+static void check_first(const int32_t *c, uint32_t degree) {
+    const struct canopy_root root = canopy_root_first(c, degree, 16);
+    const double end = root.found ? root.at / 1073741824.0 : 1.0;
+    for (int i = 0; i < 100; i++) {
+        CHECK(bernstein(c, degree, end * i / 100) > -1e-3);
+    }
+    if (root.found && root.settled) {
+        CHECK(bernstein(c, degree, end) <= 16 + CANOPY_ROOT_LOSS(6) + 64);  // `at` is rounded down: 64 for the slope
+    }
+}
+
+UNIT(nothing_is_passed_over) {
+    uint32_t random = 5;
+    for (int round = 0; round < 400; round++) {
+        int32_t c[7];
+        double zero[6];
+        for (int k = 0; k < 7; k++) {  // all signs
+            c[k] = (int32_t)(next_random(&random) & 0xFFFFF) - (k == 0 ? 0 : 0x60000);
+        }
+        check_first(c, 6);
+        for (int k = 0; k < 6; k++) {  // zeros in pairs, close or far, wherever
+            const double any = (double)(next_random(&random) & 0xFFFF) / 0x10000;
+            const double near = (double)(next_random(&random) & 0xFFFF) / 0x10000;
+            zero[k] = k % 2 == 0 ? 1.5 * any : zero[k - 1] + near * near * near * near;
+        }
+        from_zeros(zero, 6, 0x1p26, c);
+        check_first(c, 6);
+        const int32_t lift = (int32_t)(next_random(&random) & 0xFFF);
+        for (int k = 0; k < 7; k++) {
+            c[k] += lift;
+        }
+        check_first(c, 6);
+    }
 }
 
 UNIT(no_zero_is_proved_where_the_polygon_dips) {
@@ -357,7 +406,7 @@ UNIT(touching_is_decided_on_the_safe_side) {
 }
 
 UNIT_LIST(ray, wide_quotients_are_exact, ratios_compare_exactly, a_simple_zero_is_found, dips_are_told_from_zeros,
-          no_zero_is_proved_where_the_polygon_dips, zeros_of_high_order_are_not_passed, ends_are_zeros_too,
-          a_ray_down_hits_where_the_surface_is, a_slanting_ray_hits_where_the_surface_is, the_side_below_is_the_mirror,
-          every_outcome_has_its_ray, knot_lines_and_corners_are_no_gaps, segments_end,
+          nothing_is_passed_over, no_zero_is_proved_where_the_polygon_dips, zeros_of_high_order_are_not_passed,
+          ends_are_zeros_too, a_ray_down_hits_where_the_surface_is, a_slanting_ray_hits_where_the_surface_is,
+          the_side_below_is_the_mirror, every_outcome_has_its_ray, knot_lines_and_corners_are_no_gaps, segments_end,
           touching_is_decided_on_the_safe_side)

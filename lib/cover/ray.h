@@ -10,8 +10,8 @@
 /// - The hit is not long before the true one either. Let M be the largest minus the smallest of the 16 coefficients
 ///   around the hit's cell, and D what the ray's height changes by over one knot interval of its way. What is left
 ///   between the ray and the surface at a settled hit is less than 6 * 2^-23 (M + D) + 2^-5 steps; of a million random
-///   and adversarial rays none had more than 1.5 * 2^-23 (M + D). In the local parameter that is as much over the
-///   slope. `settled` is false for a hit in whose search the steps ran out: a touch of high order, one of 300,000 hits.
+///   and adversarial rays none had more than 1.6 * 2^-23 (M + D). In the local parameter that is as much over the
+///   slope. `settled` is false for a hit in whose search the steps ran out: a touch of high order, one of 300,000.
 ///   A hit where the ray comes into a cell may be a touch just behind.
 ///
 /// Method. Per knot cell in the order of the ray, S(u(t), v(t)) - r(t) is a polynomial of degree 6 in the local

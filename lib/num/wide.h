@@ -19,8 +19,8 @@ static inline struct canopy_wide_product canopy_wide_by_digits(uint64_t a, uint6
     return (struct canopy_wide_product){a1 * b1 + (first >> 32) + (second >> 32), second << 32 | (uint32_t)low};
 }
 
-/// One digit of 32 bits of rest:next / c, rest < c, c with its highest bit set: the estimate from c's own highest digit is
-/// at most two too large. What remains is left in *rest.
+/// One digit of 32 bits of rest:next / c, rest < c, c with its highest bit set: the estimate from c's own highest digit
+/// is at most two too large. What remains is left in *rest.
 static inline uint32_t canopy_wide_digit(uint64_t *rest, uint32_t next, uint64_t c) {
     const uint64_t c1 = c >> 32, c0 = (uint32_t)c;
     uint64_t digit = *rest / c1, left = *rest - digit * c1;
