@@ -23,6 +23,7 @@
 #include "canopy_registers.h"
 #include "hosttest/judge.h"
 #include "hosttest/seeds.h"
+#include "lib/scan/generic.h"
 #include "lib/spline/surface.h"
 #include "lib/station/belt.h"
 #include "tools/common/random.h"
@@ -407,9 +408,113 @@ static void bad_configurations_are_refused(void **state) {
     assert_false(w->belt.running);
 }
 
+// ---------------------------------------------------------------------------------------------------------------------
+// A line scanner on the generic map, its position that of an encoder which wraps
+
+static uint16_t space[CANOPY_GENERIC_HEIGHTS + COLUMNS + 2];
+
+static void put_long(unsigned address, int32_t value) {
+    space[address] = (uint16_t)((uint32_t)value >> 16);
+    space[address + 1] = (uint16_t)value;
+}
+
+static void show_profile(uint16_t sequence, int32_t y) {
+    const unsigned at = CANOPY_GENERIC_PROFILE;
+    space[at + CANOPY_GENERIC_P_SEQUENCE] = sequence;
+    space[at + CANOPY_GENERIC_P_ID] = 1;
+    put_long(at + CANOPY_GENERIC_P_POSITION, y);
+    space[at + CANOPY_GENERIC_P_VALID] = COLUMNS - 1;
+    for (unsigned c = 0; c < COLUMNS; c++) {
+        space[CANOPY_GENERIC_HEIGHTS + c] = c == sequence % COLUMNS ? CANOPY_GENERIC_INVALID : (uint16_t)(c * 9);
+    }
+    space[CANOPY_GENERIC_HEIGHTS + COLUMNS] = sequence;
+}
+
+static void start_scanner(struct canopy_profile_driver *driver, void *arena, size_t bytes) {
+    put_long(CANOPY_GENERIC_D_MAGIC, (int32_t)CANOPY_GENERIC_MAGIC);
+    space[CANOPY_GENERIC_D_VERSION] = CANOPY_GENERIC_VERSION;
+    space[CANOPY_GENERIC_D_ID] = 1;
+    space[CANOPY_GENERIC_D_COLUMNS] = COLUMNS;
+    put_long(CANOPY_GENERIC_D_X_START, -300);
+    put_long(CANOPY_GENERIC_D_X_STEP, 40);
+    space[CANOPY_GENERIC_D_Z_STEP] = 1;
+    space[CANOPY_GENERIC_D_UNCERTAINTY] = 2;
+    for (unsigned i = 0; i < 3; i++) {
+        put_long(CANOPY_GENERIC_D_LOW + 2 * i, INT32_MIN);
+        put_long(CANOPY_GENERIC_D_HIGH + 2 * i, INT32_MAX);
+    }
+    put_long(CANOPY_GENERIC_D_UNIT, 0x3F800000);
+    const struct canopy_profile_config config = {.table = &canopy_profile_generic, .unit = 1, .columns = COLUMNS};
+    assert_int_equal(canopy_profile_init(driver, &config, arena, bytes, 0), CANOPY_OK);
+}
+
+// Answers the driver until it holds a profile.
+static void fetch(struct canopy_profile_driver *driver, uint64_t *now_us) {
+    struct canopy_profile_request request;
+    while (canopy_profile_get(driver) == NULL) {
+        if (canopy_profile_next(driver, *now_us, &request)) {
+            (void)canopy_profile_answer(driver, space + request.address, request.count, *now_us);
+        } else {
+            *now_us = request.due_us;
+        }
+    }
+}
+
+static void a_scanner_feeds_a_belt_along_its_position(void **state) {
+    (void)state;
+    static uint64_t profile_arena[CANOPY_PROFILE_ARENA(COLUMNS, 1) / 8];
+    static struct canopy_profile_driver driver;
+    struct world *w = &world;
+    begin_world(w, 2);
+    w->config.ring.heading = CANOPY_ALONG_Y;
+    w->config.ring.lines = 1;
+    w->config.lag = 0;
+    w->config.expire_after_us = 0;
+    const int32_t start = INT32_MAX - 50 * 100;
+    w->config.ring.low[0] = -300;
+    w->config.ring.high[0] = 300;
+    w->config.ring.low[1] = start;
+    w->config.ring.high[1] = start + (M - 1) * 100;
+    assert_int_equal(canopy_belt_init(&w->belt, &w->config, w->arena, sizeof w->arena, 0), CANOPY_OK);
+    start_scanner(&driver, profile_arena, sizeof profile_arena);
+    w->belt.scan = canopy_profile_counters(&driver);
+    uint64_t now_us = 0;
+    uint16_t column = 0;
+    for (uint16_t profile = 1; profile <= 400; profile++) {
+        show_profile(profile, (int32_t)((uint32_t)start + 25U * profile));
+        fetch(&driver, &now_us);
+        while (canopy_belt_profile(&w->belt, &driver, &column, 5, now_us)) {
+            canopy_belt_step(&w->belt, 10, now_us);
+        }
+        for (int i = 0; i < 40; i++) {
+            canopy_belt_step(&w->belt, 10, now_us);
+        }
+    }
+    assert_false(canopy_belt_profile(&w->belt, &driver, &column, 5, now_us));  // none is held
+    assert_int_equal(w->belt.accepted, 400 * (COLUMNS - 1));
+    assert_int_equal(w->belt.rejected, 0);
+    const struct canopy_envelope *envelope = canopy_plc_published(&w->belt.plc);
+    assert_non_null(envelope);
+    assert_int_equal(envelope->points, (M - 2) * 4 * (COLUMNS - 1));
+    assert_int_equal(envelope->first_row, 100 - (M - 1));
+    assert_int_equal(envelope->frame.origin[1], (int32_t)((uint32_t)start + 100U * (100 - (M - 1))));
+    assert_int_equal(envelope->frame.origin[0], 300);  // v runs against x
+    assert_true(envelope->frame.origin[1] < 0 && envelope->frame.axis[0][1] == CANOPY_AXIS_ONE);
+    for (uint32_t c = 0; c < COLUMNS; c++) {  // in the middle of the window, at each column
+        const int64_t at[2] = {(int64_t)(M / 2) * 100 + 50, 600 - (int64_t)c * 40};
+        judge_wide scale;
+        assert_true(judge_distance(envelope, at, (int32_t)(c * 9 + 2), &scale) >= 0);
+    }
+    assert_int_equal(w->belt.coverage_pct, 100);
+    uint8_t profiles[4];
+    assert_int_equal(w->bank.read(w->bank.context, 0, CANOPY_REGISTER_PROFILES, 2, profiles), 0);
+    assert_int_equal(long_at(profiles), 400);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(bad_configurations_are_refused),
+        cmocka_unit_test(a_scanner_feeds_a_belt_along_its_position),
         cmocka_unit_test(hours_of_belt),
     };
     return cmocka_run_group_tests_name("belt", tests, NULL, NULL);
