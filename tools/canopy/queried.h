@@ -39,9 +39,9 @@ void canopy_queried_free(struct canopy_queried *queried);
 /// Whether both have one unit and frame; the fault names both files and the first thing that differs.
 bool canopy_queried_match(const struct canopy_queried *a, const struct canopy_queried *b, struct canopy_fault *fault);
 
-/// Makes the envelopes of all, on one grid and with one step, which is returned: the finest of their own, times the power
-/// of two for which the largest coefficient, or `reach` (device units) if that is larger, has 27 bits. The grid is as
-/// fine as the finest refinement window of any (flat.h). 0 if there is no memory for that, never without windows.
+/// Makes the envelopes of all, on one grid and with one step, which is returned: the finest of their own, times the
+/// power of two for which the largest coefficient, or `reach` (device units) if that is larger, has 27 bits. The grid
+/// is as fine as the finest refinement window of any (flat.h). 0 if there is no memory for that, never without windows.
 double canopy_queried_scale(struct canopy_queried *const queried[], size_t count, double reach);
 
 // ---- What the commands have in common on their command line
@@ -59,7 +59,8 @@ extern const struct argp canopy_queried_argp;
 /// What every help text says of windows and of what is printed.
 #define CANOPY_QUERIED_DOC                                                                                             \
     "Numbers are in input units. U and V are coordinates along the surrogate's first and second axis and heights "     \
-    "along its third, all from the zero of the input: with axes along x, y, z they are x, y and z. "
+    "along its third, all from the zero of the input: with axes along x, y, z they are x, y and z. A surrogate with "  \
+    "refinement windows is asked as one fine grid, of which the outermost knot intervals are known less closely. "
 
 /// The window in the frame of `queried`, widened to whole 2^-20 of a knot interval; without --window the whole frame.
 bool canopy_queried_window(const struct canopy_queried *queried, const struct canopy_queried_options *options,
