@@ -160,6 +160,32 @@ static void measure_scene(const struct scene *scene) {
     result(scene, "reading_again_x100", sweep(scene, take_reading));
 }
 
+// The same scene seen from 1,2,5, a general direction: a point into the field, and a reading through the station, exact
+// and with an uncertainty of two units in z, which is one of the place then.
+static void take_turned(void) {
+    if (canopy_turn_feed_fx(&station.field, &station.turn, (const int32_t(*)[3])points, BATCH) != 0)
+        fail("a turned point was refused");
+}
+
+static void take_uncertain(void) {
+    for (uint32_t i = 0; i < BATCH; i++)
+        if (canopy_station_reading(&station, points[i], 2, 0) != CANOPY_OK)
+            fail("an uncertain reading was refused");
+}
+
+static void measure_turned(const struct scene *scene) {
+    const int32_t low[3] = {0, 0, 0}, high[3] = {(COLUMNS - 1) * STEP, (PROFILES - 1) * STEP, 8192};
+    const int32_t direction[3] = {1, 2, 5};
+    struct canopy_station_config config = station.config;
+    if (canopy_axes_from_direction_fx(direction, config.axes) != CANOPY_OK ||
+        canopy_station_init(&station, &config, arena, sizeof arena, 0) != CANOPY_OK ||
+        canopy_station_begin_box(&station, low, high) != CANOPY_OK)
+        fail("no turned station");
+    result(scene, "turned_feed_x100", sweep(scene, take_turned));
+    result(scene, "turned_reading_x100", sweep(scene, take_reading));
+    result(scene, "uncertain_reading_x100", sweep(scene, take_uncertain));
+}
+
 static void measure_request(const char *name, const uint8_t *body, size_t length) {
     static struct canopy_modbus_rtu_server server;
     static struct canopy_modbus_bank bank;
@@ -188,5 +214,6 @@ int main(void) {
     // Writes query_x and query_y, reads the answer: evaluates the surface.
     const uint8_t query[] = {1, 23, 0, 184, 0, 5, 0, 180, 0, 4, 8, 0, 0, 0x10, 0, 0, 0, 0x10, 0};
     measure_request("request_query", query, sizeof query);
+    measure_turned(&scenes[0]);
     canopy_semihosting_exit(true);
 }

@@ -33,6 +33,9 @@ enum canopy_status canopy_turn_init_fx(struct canopy_turn_fx *turn, const struct
         }
         turn->start[i] = -along(turn->axis[i], frame->origin);
     }
+    turn->top = ((int64_t)1 << turn->shift) - 1;
+    // |top| < reach * 2^32 is |steps| < 2^25, the limit.
+    turn->reach = turn->shift >= 7 && turn->shift < 32 ? 1U << (turn->shift - 7) : 0;
     return CANOPY_OK;
 }
 
@@ -59,23 +62,37 @@ enum canopy_status canopy_turn_box_fx(const struct canopy_turn_fx *turn, const i
 // ---------------------------------------------------------------------------------------------------------------------
 // Points into a field
 
+// The height of any point; CANOPY_NO_HEIGHT if it is too high. `top`: times 2^30, with what rounds up.
+static int32_t find_far_height(const struct canopy_turn_fx *turn, int64_t top) {
+    const int64_t steps = top >> turn->shift;
+    if (steps > CANOPY_HEIGHT_LIMIT) {
+        return CANOPY_NO_HEIGHT;
+    }
+    return steps < -CANOPY_HEIGHT_LIMIT ? -CANOPY_HEIGHT_LIMIT : (int32_t)steps;
+}
+
 CANOPY_INLINE enum canopy_status find(const struct canopy_field *field, const struct canopy_turn_fx *turn,
-                                      const int32_t point[3], bool exact, struct canopy_field_hit *hit) {
+                                      const int32_t point[3], bool exact, uint32_t *cell, int32_t *height) {
     int64_t q[3];
     canopy_turn_point_fx(turn, point, q);
     if (!canopy_turn_is_inside_fx(turn, q)) {
         return CANOPY_OUT_OF_FRAME;
     }
     const uint32_t row = canopy_cell_of_q30(&field->axis[0], q[0], exact);
-    hit->cell = row * field->axis[1].count + canopy_cell_of_q30(&field->axis[1], q[1], exact);
-    const int64_t steps = (q[2] + (((int64_t)1 << turn->shift) - 1)) >> turn->shift;  // up
-    hit->height = steps < -CANOPY_HEIGHT_LIMIT ? -CANOPY_HEIGHT_LIMIT : (int32_t)steps;
-    return steps <= CANOPY_HEIGHT_LIMIT ? CANOPY_OK : CANOPY_RANGE;
+    *cell = row * field->axis[1].count + canopy_cell_of_q30(&field->axis[1], q[1], exact);
+    const int64_t top = q[2] + turn->top;
+    const uint32_t high = (uint32_t)((uint64_t)top >> 32);
+    if (high + turn->reach < 2 * turn->reach) {  // a shift of 7 to 31: the result is in the two words' middle
+        *height = (int32_t)((uint32_t)top >> turn->shift | high << (32U - turn->shift));
+        return CANOPY_OK;
+    }
+    *height = find_far_height(turn, top);
+    return *height != CANOPY_NO_HEIGHT ? CANOPY_OK : CANOPY_RANGE;
 }
 
 enum canopy_status canopy_turn_insert_fx(struct canopy_field *field, const struct canopy_turn_fx *turn,
                                          const int32_t point[3], struct canopy_field_hit *hit) {
-    const enum canopy_status status = find(field, turn, point, field->exact, hit);
+    const enum canopy_status status = find(field, turn, point, field->exact, &hit->cell, &hit->height);
     if (status == CANOPY_OK) {
         hit->raised = canopy_field_raise_cell(field, hit->cell, hit->height);
     }
@@ -84,14 +101,18 @@ enum canopy_status canopy_turn_insert_fx(struct canopy_field *field, const struc
 
 CANOPY_INLINE size_t feed(struct canopy_field *field, const struct canopy_turn_fx *turn, const int32_t (*points)[3],
                           size_t count, bool exact) {
+    int32_t *heights = field->heights;
     size_t refused = 0;
     for (; count > 0; count--, points++) {
-        struct canopy_field_hit hit;
-        if (find(field, turn, *points, exact, &hit) != CANOPY_OK) {
+        uint32_t cell;
+        int32_t height;
+        if (find(field, turn, *points, exact, &cell, &height) != CANOPY_OK) {
             refused++;
-            continue;
+        } else if (heights == NULL) {
+            (void)canopy_field_packed_raise(field, cell, height);
+        } else if (height > heights[cell]) {
+            heights[cell] = height;
         }
-        (void)canopy_field_raise_cell(field, hit.cell, hit.height);
     }
     return refused;
 }

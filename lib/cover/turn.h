@@ -26,6 +26,7 @@
 #include "lib/cover/axes.h"
 #include "lib/cover/field.h"
 #include "lib/cover/frame.h"
+#include "lib/inline.h"
 #include "lib/status.h"
 
 #define CANOPY_TURN_UNCERTAINTY_MAX (1U << 28)  ///< quanta: with that no sum overflows
@@ -37,7 +38,9 @@
 struct canopy_turn_fx {
     int32_t axis[3][3];  ///< the frame's; the height axis mirrored for the side below
     int64_t start[3];    // - axes origin
+    int64_t top;         // what makes the shift to steps one that rounds up
     uint64_t limit[2];   // the far edges, times 2^30
+    uint32_t reach;      // within +- reach * 2^32 heights are ordinary: their steps fit. 0: none is
     uint8_t shift;       // from heights times 2^30 to steps
 };
 
@@ -47,7 +50,7 @@ struct canopy_turn_fx {
 enum canopy_status canopy_turn_init_fx(struct canopy_turn_fx *turn, const struct canopy_frame *frame);
 
 /// q * 2^30, exactly, of any point: u and v from the frame's origin, and the height (mirrored for the side below).
-static inline void canopy_turn_point_fx(const struct canopy_turn_fx *turn, const int32_t point[3], int64_t q[3]) {
+CANOPY_INLINE void canopy_turn_point_fx(const struct canopy_turn_fx *turn, const int32_t point[3], int64_t q[3]) {
     for (int i = 0; i < 3; i++) {
         const int32_t *axis = turn->axis[i];
         q[i] = turn->start[i] + (int64_t)axis[0] * point[0] + (int64_t)axis[1] * point[1] + (int64_t)axis[2] * point[2];

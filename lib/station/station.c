@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "lib/inline.h"
 #include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 #include "lib/station/show.h"
@@ -302,11 +303,19 @@ static enum canopy_status reject(struct canopy_station *station, enum canopy_sta
     return status;
 }
 
-static void accept(struct canopy_station *station) {
+CANOPY_INLINE void count(struct canopy_station *station) {
     station->points++;
     station->accepted++;
     station->have_reading = true;
     station->reading_us = station->now_us;
+}
+
+CANOPY_INLINE void accept(struct canopy_station *station, const struct canopy_field_hit *hit) {
+    count(station);
+    if (hit->raised) {
+        station->risen = true;
+        mark(station, hit->cell);
+    }
 }
 
 // What a box has done: cells that rose are marked, those that have its height already being marked with them. Whether
@@ -340,28 +349,49 @@ static bool is_box_beyond(const struct canopy_station *station, const struct can
     return envelope->frame.side == CANOPY_ABOVE ? height > low : height > -high;
 }
 
-static enum canopy_status take_turned(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty) {
+// The same for a place without uncertainty.
+static bool is_place_beyond(const struct canopy_station *station, const int32_t point[3], int32_t height) {
+    int64_t q[3];
+    canopy_turn_point_fx(&station->turn, point, q);
+    const struct canopy_field_box_fx box = {.low = {q[0], q[1]}, .high = {q[0], q[1]}, .top = q[2]};
+    return is_box_beyond(station, &box, height);
+}
+
+// A reading whose uncertainty is one of the place.
+static enum canopy_status take_box(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty) {
     const uint32_t half[3] = {0, 0, uncertainty};
     struct canopy_field_box_fx box;
     struct canopy_field_patch patch;
     int64_t q[3];
     canopy_turn_point_fx(&station->turn, point, q);
-    const bool inside = canopy_turn_is_inside_fx(&station->turn, q);
     enum canopy_status status = canopy_turn_box_fx(&station->turn, q, half, &box);
     if (status == CANOPY_OK) {
         status = canopy_field_insert_box_fx(&station->field, &box, &patch);
     }
-    if (status !=
-        CANOPY_OK) {  // beside the frame, too high, too wide: but the last two say nothing of what is beside it
-        return reject(station, inside ? CANOPY_RANGE : CANOPY_OUT_OF_FRAME);
+    if (status != CANOPY_OK) {  // all of it beside the frame; else too high or too wide for what is in the frame
+        return reject(station, status == CANOPY_OUT_OF_FRAME ? status : CANOPY_RANGE);
     }
     if (mark_patch(station, &patch) && is_box_beyond(station, &box, patch.height)) {
         intrude(station);
     }
-    if (!inside) {
+    if (!canopy_turn_is_inside_fx(&station->turn, q)) {
         return reject(station, CANOPY_OUT_OF_FRAME);
     }
-    accept(station);
+    count(station);
+    return CANOPY_OK;
+}
+
+// A reading that is where it says.
+static enum canopy_status take_turned(struct canopy_station *station, const int32_t point[3]) {
+    struct canopy_field_hit hit;
+    const enum canopy_status status = canopy_turn_insert_fx(&station->field, &station->turn, point, &hit);
+    if (status != CANOPY_OK) {
+        return reject(station, status);
+    }
+    accept(station, &hit);
+    if (canopy_bit_get(station->risen_cells, hit.cell) && is_place_beyond(station, point, hit.height)) {
+        intrude(station);
+    }
     return CANOPY_OK;
 }
 
@@ -373,7 +403,7 @@ enum canopy_status canopy_station_reading(struct canopy_station *station, const 
         return CANOPY_EMPTY;
     }
     if (station->turned) {
-        return take_turned(station, point, uncertainty);
+        return uncertainty > 0 ? take_box(station, point, uncertainty) : take_turned(station, point);
     }
     int32_t worst[3];
     struct canopy_field_hit hit;
@@ -381,11 +411,7 @@ enum canopy_status canopy_station_reading(struct canopy_station *station, const 
     if (status != CANOPY_OK) {
         return reject(station, status);
     }
-    accept(station);
-    if (hit.raised) {
-        station->risen = true;
-        mark(station, hit.cell);
-    }
+    accept(station, &hit);
     if (canopy_bit_get(station->risen_cells, hit.cell) && is_beyond(station, worst, hit.height)) {
         intrude(station);
     }
