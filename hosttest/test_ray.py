@@ -36,7 +36,25 @@ class Surface:
         i = np.clip(np.floor(u).astype(int), 0, self.size[0] - 2)
         j = np.clip(np.floor(v).astype(int), 0, self.size[1] - 2)
         wu, wv = self.basis(u - i), self.basis(v - j)
-        return sum(wu[a] * wv[c] * self.b[i + a, j + c] for a in range(4) for c in range(4))
+        base = sum(wu[a] * wv[c] * self.b[i + a, j + c] for a in range(4) for c in range(4))
+        return base + sum(self.refinement(window, u, v) for window in self.file.get("windows", []))
+
+    def refinement(self, window, u, v):
+        """What a window adds: the same spline on its own knots, with nothing outside."""
+        fine = 2 ** window["level"]
+        d = np.pad(np.array(window["coefficients"], float) * self.file["lsb"], 4)
+        x, y = fine * u - window["first"][0] + 4, fine * v - window["first"][1] + 4
+        i, j = np.floor(x).astype(int), np.floor(y).astype(int)
+        near = (i >= 1) & (i + 2 < d.shape[0]) & (j >= 1) & (j + 2 < d.shape[1])
+        i, j = np.where(near, i, 1), np.where(near, j, 1)
+        wu, wv = self.basis(x - i), self.basis(y - j)
+        sums = sum(wu[a] * wv[c] * d[i + a - 1, j + c - 1] for a in range(4) for c in range(4))
+        return np.where(near, sums, 0.0)
+
+    def looseness(self, u, v):
+        """How far the one fine grid that is asked may stand off, on the safe side: only in the outermost intervals."""
+        inner = np.all((np.array([u, v]) >= 1) & (np.array([u, v]) <= self.size - 2))
+        return 0.0 if inner or "windows" not in self.file else self.range() / 24
 
     def clearance(self, points):
         """Of points on the free side: positive; nan outside the frame."""
@@ -98,18 +116,19 @@ def judge(surface, start, direction, line, last):
         u, v = np.clip(u, 0, surface.size[0] - 1), np.clip(v, 0, surface.size[1] - 1)
         gap = surface.up * (height - surface.height(u, v))
         along = np.abs(surface.axes[2] @ direction) / surface.file["unit"]
-        assert -slack < gap < 1e-6 * (surface.range() + along * until), (line, gap)
+        assert -slack < gap < 1e-6 * (surface.range() + along * until) + surface.looseness(u, v), (line, gap)
     assert abs(np.linalg.norm(normal) - 1) < 1e-6
     step = 1e-4  # the normal is orthogonal to the surface's own directions, and points to the free side
     for du, dv in ((step, 0), (0, step)):
         rise = (surface.height(u + du, v + dv) - surface.height(u - du, v - dv)) / 2
         tangent = (np.array([du * surface.pitch[0], dv * surface.pitch[1], rise])) @ surface.axes
-        assert abs(tangent @ normal) < 1e-3 * np.linalg.norm(tangent)
+        assert abs(tangent @ normal) < (0.2 if surface.looseness(u, v) else 1e-3) * np.linalg.norm(tangent)
     assert surface.up * (surface.axes[2] @ normal) > 0
 
 
 @pytest.mark.parametrize("options", [(), ("--side", "below"), ("--scalar", "fx"), ("--scalar", "fx", "--side", "below"),
-                                     ("--dir", "1,2,3"), ("--dir=-1,0,0", "--side", "below")])
+                                     ("--dir", "1,2,3"), ("--dir=-1,0,0", "--side", "below"),
+                                     ("--refine", "1:5x6"), ("--refine", "1:6x5@2", "--side", "below")])
 def test_rays_hit_where_the_surface_is(tmp_path, options):
     points = write_points(tmp_path / "scene.xyz", hills(800, seed=4, scale=10, offset=(500, -30, 8)))
     out, _ = fit(tmp_path, points, *options)

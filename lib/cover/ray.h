@@ -45,7 +45,7 @@
 #include "lib/status.h"
 
 #define CANOPY_RAY_ERROR_LOG2 -21      ///< 4 ulp of a float: see above
-#define CANOPY_RAY_SIZE_MAX 4096       ///< largest m and n
+#define CANOPY_RAY_SIZE_MAX 16384      ///< largest m and n
 #define CANOPY_RAY_FX_MAX (1LL << 36)  ///< the farthest start of a fixed-point ray, quanta from the frame's origin
 
 /// What became of a ray.

@@ -22,11 +22,14 @@ static void divide(mpq_t x, double by) {
     mpq_clear(y);
 }
 
-void canopy_beam_open(struct canopy_beam_target *target, struct canopy_queried *queried) {
+bool canopy_beam_open(struct canopy_beam_target *target, struct canopy_queried *queried) {
     const struct canopy_surrogate *s = &queried->surrogate;
     struct canopy_queried *const all[] = {queried};
     target->queried = queried;
     target->step = canopy_queried_scale(all, 1, 0.0);
+    if (!(target->step > 0.0)) {
+        return false;
+    }
     target->envelope = s->side == CANOPY_ABOVE ? &queried->high : &queried->low;
     mpq_t product;
     mpq_init(product);
@@ -48,6 +51,7 @@ void canopy_beam_open(struct canopy_beam_target *target, struct canopy_queried *
         }
     }
     mpq_clear(product);
+    return true;
 }
 
 void canopy_beam_close(struct canopy_beam_target *target) {
@@ -169,12 +173,23 @@ static enum canopy_ray_outcome make_ray(mpq_t from[3], mpq_t along[3], struct ca
 /// Not after the hit: the bits that a double has no room for are dropped.
 static double t_of(const struct canopy_ray_hit *hit) { return ldexp((double)(hit->t & ~(uint64_t)0x3FF), hit->t_log2); }
 
+/// In the surrogate's own knot cells.
+static void set_place(const struct canopy_beam_target *target, struct canopy_beam *beam) {
+    const unsigned level = target->queried->level;
+    for (int a = 0; a < 2; a++) {
+        const struct canopy_place *place = &beam->hit.place[a];
+        beam->cell[a] = place->interval >> level;
+        beam->local[a] =
+            ldexp(place->interval - (beam->cell[a] << level) + (double)place->s / CANOPY_UNIT_Q30, -(int)level);
+    }
+}
+
 static void set_normal(const struct canopy_beam_target *target, struct canopy_beam *beam) {
     const struct canopy_surrogate *s = &target->queried->surrogate;
     const double up = s->side == CANOPY_ABOVE ? 1.0 : -1.0;
     double rise[2], size = 0.0;
     for (int a = 0; a < 2; a++) {
-        rise[a] = beam->hit.gradient[a] * target->step / s->pitch[a];
+        rise[a] = ldexp(beam->hit.gradient[a] * target->step / s->pitch[a], (int)target->queried->level);
     }
     for (int k = 0; k < 3; k++) {
         beam->normal[k] = up * (s->axes[2][k] - rise[0] * s->axes[0][k] - rise[1] * s->axes[1][k]);
@@ -207,5 +222,6 @@ void canopy_beam_cast(struct canopy_beam_target *target, const double from[3], c
     for (int k = 0; k < 3; k++) {
         beam->point[k] = from[k] + beam->t * (segment ? second[k] - from[k] : second[k]);
     }
+    set_place(target, beam);
     set_normal(target, beam);
 }

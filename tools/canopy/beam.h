@@ -19,13 +19,15 @@ struct canopy_beam_target {
     mpq_t row[3][4];                         // knots, of the frame's width, and steps: row * (x, y, z, 1)
 };
 
-/// `queried` has been read. Needs canopy_beam_close.
-void canopy_beam_open(struct canopy_beam_target *target, struct canopy_queried *queried);
+/// `queried` has been read. Needs canopy_beam_close after success. False: no memory for its windows' fine grid.
+bool canopy_beam_open(struct canopy_beam_target *target, struct canopy_queried *queried);
 void canopy_beam_close(struct canopy_beam_target *target);
 
 /// What became of a ray.
 struct canopy_beam {
-    struct canopy_ray_hit hit;
+    struct canopy_ray_hit hit;      ///< of the envelope, which may have a finer grid than the surrogate
+    uint32_t cell[2];               ///< the surrogate's knot cell
+    double local[2];                ///< and the place in it
     double t, point[3], normal[3];  ///< of hits; t is not after the hit; normal: unit, towards the free side
 };
 

@@ -34,7 +34,9 @@ static const char DOC[] =
     "where the last three have nan and - in the other columns. Outside its frame a surrogate says nothing. With "
     "--occluded there is `free` in place of miss and beside: surely free. No answer is on the wrong side: no hit is "
     "missed, none is later than the true one, nothing is called free that is not, whatever is rounded. A ray that only "
-    "touches is a hit.\n\n"
+    "touches is a hit. A surrogate with refinement windows is asked as one fine grid, on its safe side: up to 1/48 of "
+    "the "
+    "difference of neighbouring coefficients beside it in the outermost knot intervals, within steps elsewhere.\n\n"
     "For example: where does a plumb line from (1, 2, 50) meet the lid, and is the way from one point to another "
     "free?\n\n"
     "  canopy ray lid.json --from 1,2,50 --dir 0,0,-1\n"
@@ -117,8 +119,8 @@ static void print(const struct canopy_beam *beam, bool occluded) {
     for (int k = 0; k < 3; k++) {
         printf(" %.9g", beam->normal[k]);
     }
-    printf(" %" PRIu32 " %" PRIu32 " %.10g %.10g %d\n", hit->place[0].interval, hit->place[1].interval,
-           (double)hit->place[0].s / CANOPY_UNIT_Q30, (double)hit->place[1].s / CANOPY_UNIT_Q30, hit->covered);
+    printf(" %" PRIu32 " %" PRIu32 " %.10g %.10g %d\n", beam->cell[0], beam->cell[1], beam->local[0], beam->local[1],
+           hit->covered);
 }
 
 static bool answer(struct canopy_beam_target *target, const double numbers[6], bool occluded,
@@ -219,10 +221,11 @@ int canopy_command_ray(int argc, char **argv) {
     argp_parse(&argp, argc, argv, 0, NULL, &arguments);
     struct canopy_fault fault;
     struct canopy_queried queried;
-    bool ok = canopy_queried_read(arguments.surrogate, &queried, &fault);
+    struct canopy_beam_target target;
+    bool ok = canopy_queried_read_refined(arguments.surrogate, &queried, &fault);
+    ok = ok && (canopy_beam_open(&target, &queried) ||
+                canopy_fault_set(&fault, "%s: out of memory: close other programs", arguments.surrogate));
     if (ok) {
-        struct canopy_beam_target target;
-        canopy_beam_open(&target, &queried);
         ok = arguments.rays ? answer_file(&target, arguments.rays, arguments.occluded, &fault)
                             : answer_one(&target, &arguments, &fault);
         canopy_beam_close(&target);
