@@ -99,7 +99,7 @@ BAD = [("no form", "middle", "give N, N:RxC or X0,Y0,X1,Y1"), ("level 3", "1@3",
        ("outside", "5,5,6,6", "not inside the grid: it reaches from "),
        ("partly outside", "1,1,2,2.5", "not inside the grid"), ("left of it", "-1,0.1,1,1", "not inside the grid"),
        ("small", "1,1,1.1,1.1@2", "too small"), ("nothing", "1,1,1,1", "too small"),
-       ("larger than the grid", "1:8x8", "7x8 knot intervals"), ("no place", "8:4x4", "no place left")]
+       ("larger than the grid", "1:8x8", "7x8 knot intervals")]
 
 
 @pytest.mark.parametrize("text, words", [pytest.param(*bad[1:], id=bad[0]) for bad in BAD])
@@ -107,6 +107,14 @@ def test_bad_windows_are_refused(tmp_path, scene, text, words):  # noqa: F811
     done = canopy("fit", scene, "--grid", "8x9", f"--refine={text}", "-o", tmp_path / "out.json")
     refused(done, f"--refine {text}", words)
     assert left_behind(tmp_path, "scene.xyz")
+
+
+def test_no_more_windows_than_there_is_room_for(tmp_path, scene):  # noqa: F811
+    out, line = fit(tmp_path, scene, "--refine", "8:4x4")
+    assert 1 <= len(json.loads(out.read_text())["windows"]) < 8
+    flat = write_points(tmp_path / "flat.xyz", [(x / 10, y / 10, 4) for x in range(20) for y in range(20)])
+    out, line = fit(tmp_path, flat, "--field", "4", "--refine", "3")  # nothing is to be won
+    verdict_is_safe(out, flat, line)
 
 
 def test_too_many_windows_are_refused(tmp_path, scene):  # noqa: F811

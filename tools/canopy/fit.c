@@ -26,11 +26,11 @@ enum { SIDE = 256, REFINE, FREE };
 static const struct argp_option OPTIONS[] = {
     {"side", SIDE, "above|below", 0, "the surface is above all points (default), or below", 0},
     {"refine", REFINE, "WHERE[@LEVEL]", 0,
-     "finer knots where they matter, at half the pitch (LEVEL 1, default) or a quarter (2). WHERE is N: that many "
-     "windows, up to 8, each a quarter of the grid wide (3 knot intervals at least), where the surface is farthest "
-     "from the points; N:RxC: N "
-     "windows of RxC knot intervals; or X0,Y0,X1,Y1: the window between two corners, in input units along the frame's "
-     "first and second axis (x and y unless --dir). May be given several times",
+     "finer knots where they matter, at half the pitch (LEVEL 1, default) or a quarter (2). WHERE is N: up to that "
+     "many "
+     "windows, 8 at most, each a quarter of the grid wide (3 knot intervals at least), where finer knots have most to "
+     "win; N:RxC: windows of RxC knot intervals; or X0,Y0,X1,Y1: the window between two corners, in input units along "
+     "the frame's first and second axis (x and y unless --dir). May be given several times",
      0},
     {"free", FREE, "nearest|straight|bent", 0,
      "how the surface goes on where there are no points, over holes and beyond silhouettes, never higher or lower than "

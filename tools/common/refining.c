@@ -106,7 +106,13 @@ static enum canopy_status place_choice(const struct canopy_refining_request *req
         const uint32_t own = part > SPAN_LEAST ? part : all < SPAN_LEAST ? all : SPAN_LEAST;
         span[a] = (uint16_t)(request->span[a] ? request->span[a] : own);
     }
-    return canopy_refine_choose(&ground->frame, gaps, request->level, span, taken->list, taken->count, window);
+    const int32_t low[2] = {0, 0};
+    const int32_t high[2] = {(int32_t)((uint32_t)span[0] << request->level),
+                             (int32_t)((uint32_t)span[1] << request->level)};
+    const enum canopy_status status = canopy_refine_place(&ground->frame, request->level, low, high, window);
+    return status != CANOPY_OK
+               ? status
+               : canopy_refine_choose(&ground->frame, gaps, request->level, span, taken->list, taken->count, window);
 }
 
 static bool blame_place(const struct canopy_refining_request *request, const struct canopy_refining_ground *ground,
@@ -121,11 +127,6 @@ static bool blame_place(const struct canopy_refining_request *request, const str
     if (status == CANOPY_OUT_OF_FRAME) {
         return canopy_fault_set(fault, "--refine %.60s: the grid has %dx%d knot intervals: give a smaller window",
                                 request->text, ground->frame.size[0] - 1, ground->frame.size[1] - 1);
-    }
-    if (status == CANOPY_EMPTY) {
-        return blame(request, fault,
-                     "there is no place left for another window, or none of that size has room for a B-spline: give "
-                     "fewer, or others");
     }
     return canopy_fault_set(fault,
                             "--refine %.60s: the window is too small: give one of at least 4 intervals of the refined "
@@ -167,6 +168,9 @@ static bool add_one(const struct canopy_refining_request *request, const struct 
     }
     const enum canopy_status status = request->everywhere ? place_choice(request, ground, gaps, windows, &window)
                                                           : place_rectangle(request, ground, &window);
+    if (status == CANOPY_EMPTY) {
+        return true;  // nowhere is a gap, or all such places are taken
+    }
     if (status != CANOPY_OK) {
         return blame_place(request, ground, status, fault);
     }
