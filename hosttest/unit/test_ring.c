@@ -166,6 +166,37 @@ UNIT(refit_ends_certified_with_what_came_meanwhile) {
     }
 }
 
+// In a packed field a reading that raises the top of a knot cell raises what the codes of its other cells can tell.
+UNIT(refit_follows_a_packed_field) {
+    static CANOPY_ARENA_DECLARE(field_arena, CANOPY_FIELD_PACKED_ARENA(M, N, Q, Q));
+    const int32_t low[3] = {0, 0, 0}, high[3] = {(M - 1) * PITCH, (N - 1) * PITCH, 100};
+    const uint16_t cells[2] = {Q, Q};
+    struct canopy_frame frame;
+    struct canopy_field field;
+    CHECK_EQ(canopy_frame_around_fx(&frame, &plain.grid, low, high), CANOPY_OK);
+    CHECK_EQ(canopy_field_init_packed(&field, &frame, cells, field_arena, sizeof field_arena), CANOPY_OK);
+    struct canopy_refit *refit = &other.refit;
+    CHECK_EQ(canopy_refit_init(refit, &field, CANOPY_FX, 1, other_arena, sizeof other_arena), CANOPY_OK);
+    uint32_t random = 5;
+    for (uint32_t round = 0; round < 40; round++) {
+        for (uint32_t i = 0; i < 8; i++) {
+            random = random * 1664525U + 1013904223U;
+            const int32_t p[3] = {(int32_t)(random >> 8) % high[0], (int32_t)(random >> 12) % high[1],
+                                  (int32_t)((random >> 4) % (round + 1) * 2)};
+            struct canopy_field_hit hit;
+            CHECK_EQ(canopy_field_insert_fx(&field, p, &hit), CANOPY_OK);
+            if (hit.raised) {
+                canopy_refit_rose(refit, hit.cell);
+            }
+        }
+        canopy_refit_begin(refit);
+        CHECK_EQ(canopy_refit_step(refit, UINT32_MAX), CANOPY_OK);
+        CHECK(canopy_refit_is_certified(refit));
+        canopy_certify_begin(&refit->certify, refit->coefficients);
+        CHECK_EQ(canopy_certify_step(&refit->certify, UINT32_MAX), CANOPY_OK);
+    }
+}
+
 UNIT(ring_runs_through_the_end_of_coordinates) {
     struct canopy_ring_config config = plain;
     config.low[0] = INT32_MAX - (M - 1) * PITCH;
@@ -261,5 +292,5 @@ UNIT(rings_merge_or_say_why_not) {
 
 UNIT_LIST(ring, ring_asks_for_its_arena_and_a_sound_configuration, ring_says_which_rows_it_has,
           ring_publishes_closed_rows_only, refit_does_what_has_changed, refit_ends_certified_with_what_came_meanwhile,
-          ring_runs_through_the_end_of_coordinates, ring_turns_with_the_belt, ring_forgets_rows_by_age,
-          rings_merge_or_say_why_not)
+          refit_follows_a_packed_field, ring_runs_through_the_end_of_coordinates, ring_turns_with_the_belt,
+          ring_forgets_rows_by_age, rings_merge_or_say_why_not)
