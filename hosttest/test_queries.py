@@ -3,6 +3,7 @@
 import json
 import math
 import random
+import struct
 from fractions import Fraction
 from math import floor
 
@@ -14,7 +15,7 @@ from test_cli import canopy, hills, left_behind, refused, write_points
 
 
 def spline(x):
-    x = abs(x)
+    x = abs(Fraction(x))
     if x >= 2:
         return Fraction(0)
     return (2 - x) ** 3 / 6 if x >= 1 else (4 - 6 * x * x + 3 * x ** 3) / 6
@@ -535,3 +536,51 @@ def test_the_help_names_every_question():
         assert f"\n  {command} " in words
         manual = canopy(command, "--help")
         assert manual.returncode == 0 and "Exit status" in manual.stdout and "input units" in manual.stdout
+
+
+# -- gradient and normal -----------------------------------------------------------------------------------------------
+
+
+def received(surface, point):
+    """Where the device sees an input point, in knot intervals: rounded to its numbers."""
+    unit = surface.file["unit"]
+    if surface.file["scalar"] == "fx":
+        device = [round(c / unit) for c in point]
+    else:
+        device = struct.unpack("3f", struct.pack("3f", *(c / unit for c in point)))
+    frame = surface.file["frame"]
+    return [sum(Fraction(a) * (Fraction(p) - Fraction(o)) for a, p, o in zip(axis, device, frame["origin"])) / pitch
+            for axis, pitch in zip(frame["axes"][:2], surface.pitch)]
+
+
+def test_normals_are_the_slope(surrogate, tmp_path):
+    surface = Surface(surrogate)
+    axes, origin = surface.file["frame"]["axes"], surface.file["frame"]["origin"]
+    places = lattice(surface, steps=4)
+    inputs = [[float(surface.unit * (Fraction(o) + sum(Fraction(axes[a][k]) * w * surface.pitch[a]
+                                                       for a, w in ((0, u), (1, v)))))
+               for k, o in enumerate(origin)] for u, v in places]
+    points = write_points(tmp_path / "p.xyz", inputs)
+    lines = ask("eval", surrogate, points, "--normals", "--trim=frame")
+    plain = ask("eval", surrogate, points, "--trim=frame")
+    assert len(lines) == len(places) == len(plain)
+    seen = 0
+    for line, height, point in zip(lines, plain, inputs):
+        assert line.split()[0] == height
+        if height == "nan":
+            continue  # rounded beyond the edge
+        u, v = received(surface, point)
+        gu, gv, *normal = map(float, line.split()[1:])
+        tiny = Fraction(1, 10**9)
+        for axis, told in ((0, gu), (1, gv)):
+            lower, upper = ((max(u - tiny, 0), v), (min(u + tiny, surface.size[0] - 1), v)) if axis == 0 else \
+                           ((u, max(v - tiny, 0)), (u, min(v + tiny, surface.size[1] - 1)))
+            true = (surface.height(*upper) - surface.height(*lower)) / surface.unit / surface.pitch[axis] \
+                / (upper[axis] - lower[axis])
+            size = max(abs(Fraction(b)) for row in surface.file["coefficients"] for b in row) * surface.lsb
+            assert abs(float(true) - told) <= 1e-4 * abs(float(true)) + 1e-6 * float(size / surface.pitch[axis])
+        length = math.sqrt(gu * gu + gv * gv + 1)
+        expected = [(axes[2][k] - gu * axes[0][k] - gv * axes[1][k]) / length for k in range(3)]
+        assert normal == pytest.approx(expected, abs=1e-12) and math.hypot(*normal) == pytest.approx(1, abs=1e-6)
+        seen += 1
+    assert seen >= 5

@@ -8,6 +8,7 @@
 
 #include "tools/canopy/command.h"
 #include "tools/canopy/operands.h"
+#include "tools/canopy/slope.h"
 #include "tools/canopy/stream.h"
 #include "tools/common/outline.h"
 
@@ -21,23 +22,27 @@ static const char DOC[] =
     "is below 1e-12 "
     "of the largest coefficient. Points are rounded as the device receives them first (see `canopy check --help`, also "
     "for the formats of POINTS).\n\n"
+    "With --normals a line is `HEIGHT GU GV NX NY NZ`: the gradient, height per length along the surrogate's first and "
+    "second axis, and the unit normal in the coordinates of the input, on the side of the third axis.\n\n"
     "Exit status: 0, or 2 for bad input (nothing is printed after a fault, what was printed before it stands).";
 
 /// Where the surface counts as known.
 enum known { CELLS, OUTLINE, FRAME };
 
-enum { TRIM = 256 };
+enum { TRIM = 256, NORMALS };
 
 static const struct argp_option OPTIONS[] = {
     {"trim", TRIM, "cells|outline|frame", 0,
      "where the surface has a height: in covered cells (default), inside the outline around them, or everywhere in the "
      "frame",
      0},
+    {"normals", NORMALS, NULL, 0, "the gradient and the unit normal of the surface as well", 0},
     {0}};
 
 struct arguments {
     struct canopy_operands operands;
     enum known known;
+    bool normals;
 };
 
 static enum known known_named(const char *text, struct argp_state *state) {
@@ -55,6 +60,7 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     struct arguments *a = state->input;
     switch (key) {
     case TRIM: a->known = known_named(text, state); return 0;
+    case NORMALS: a->normals = true; return 0;
     case ARGP_KEY_ARG:
         canopy_operands_take(&a->operands, text, state, "give one surrogate and one point file");
         return 0;
@@ -71,6 +77,7 @@ struct work {
     const struct canopy_surrogate *surrogate;
     struct canopy_exact *exact;
     const struct canopy_outline *outline;  ///< what else must hold the point, or NULL
+    bool normals;
     double *heights;
     size_t room;
     bool failed;
@@ -83,15 +90,34 @@ static double coordinate(const struct canopy_cloud *cloud, size_t point, int axi
                                        : (double)((const int32_t *)cloud->axis[axis])[at];
 }
 
-static bool is_in_outline(const struct work *work, const struct canopy_cloud *cloud, size_t point) {
+/// Where the point is in the frame, in knot intervals.
+static void place_of(const struct work *work, const struct canopy_cloud *cloud, size_t point, double place[2]) {
     const struct canopy_surrogate *s = work->surrogate;
-    double q[2] = {0.0, 0.0};
     for (int a = 0; a < 2; a++) {
+        place[a] = 0.0;
         for (int k = 0; k < 3; k++) {
-            q[a] += s->axes[a][k] * (coordinate(cloud, point, k) - s->origin[k]);
+            place[a] += s->axes[a][k] * (coordinate(cloud, point, k) - s->origin[k]);
         }
+        place[a] /= s->pitch[a];
     }
-    return canopy_outline_holds(work->outline, q[0] / s->pitch[0], q[1] / s->pitch[1]);
+}
+
+static bool is_in_outline(const struct work *work, const struct canopy_cloud *cloud, size_t point) {
+    double place[2];
+    place_of(work, cloud, point, place);
+    return canopy_outline_holds(work->outline, place[0], place[1]);
+}
+
+static void print_slope(const struct work *work, const struct canopy_cloud *cloud, size_t point) {
+    const struct canopy_surrogate *s = work->surrogate;
+    double place[2];
+    place_of(work, cloud, point, place);
+    for (int a = 0; a < 2; a++) {
+        place[a] = fmin(fmax(place[a], 0.0), (double)s->size[a] - 1.0);
+    }
+    const struct canopy_slope slope = canopy_slope_at(s, place[0], place[1]);
+    printf(" %.17g %.17g %.17g %.17g %.17g", slope.gradient[0], slope.gradient[1], slope.normal[0], slope.normal[1],
+           slope.normal[2]);
 }
 
 static void take(void *context, const struct canopy_cloud *cloud) {
@@ -111,19 +137,27 @@ static void take(void *context, const struct canopy_cloud *cloud) {
     for (size_t i = 0; i < cloud->count; i++) {
         const double height = work->heights[i];
         if (isnan(height) || (work->outline && !is_in_outline(work, cloud, i))) {
-            puts("nan");
-        } else {
-            printf("%.17g\n", (base + height) * s->unit);
+            puts(work->normals ? "nan nan nan nan nan nan" : "nan");
+            continue;
         }
+        printf("%.17g", (base + height) * s->unit);
+        if (work->normals) {
+            print_slope(work, cloud, i);
+        }
+        putchar('\n');
     }
 }
 
 /// Evaluates with an outline, or NULL, where the surrogate's own trim says no more than it does.
-static bool evaluate(const char *points, const struct canopy_surrogate *surrogate, const struct canopy_outline *outline,
-                     struct canopy_fault *fault) {
-    struct work work = {.surrogate = surrogate, .exact = canopy_exact_open(surrogate), .outline = outline};
+static bool evaluate(const struct arguments *arguments, const struct canopy_surrogate *surrogate,
+                     const struct canopy_outline *outline, struct canopy_fault *fault) {
+    struct work work = {.surrogate = surrogate,
+                        .exact = canopy_exact_open(surrogate),
+                        .outline = outline,
+                        .normals = arguments->normals};
     bool ok = work.exact != NULL;
-    ok = ok && canopy_stream_points(points, surrogate, (struct canopy_stream_sink){&work, take}, fault);
+    ok = ok &&
+         canopy_stream_points(arguments->operands.points, surrogate, (struct canopy_stream_sink){&work, take}, fault);
     if (!work.exact || work.failed) {
         ok = canopy_fault_set(fault, "out of memory: close other programs");
     }
@@ -149,7 +183,7 @@ int canopy_command_eval(int argc, char **argv) {
             free(surrogate.trim);
             surrogate.trim = NULL;
         }
-        ok = evaluate(arguments.operands.points, &surrogate, outlined ? &outline : NULL, &fault);
+        ok = evaluate(&arguments, &surrogate, outlined ? &outline : NULL, &fault);
         if (outlined) {
             canopy_outline_free(&outline);
         }
