@@ -71,9 +71,9 @@ static void add_windows(const struct canopy_exact *e, struct canopy_exact_block 
             across = fmax(across, fabs(x) + fabs(y));
         }
         b->surface[p] += sum * scale;
-        // (1 + count) roundings of the running sum, the argument's error of the two kinds of axes, and of x and y.
-        const double argument = 4.0 * ((double)s->size[0] + (double)s->size[1]) +
-                                (e->aligned ? 0.0 : 6.1 * b->g[p]) * (e->inverse[0] + e->inverse[1]);
+        // Term by term in exact_parts.h.
+        const double argument = 4.1 * ((double)s->size[0] + (double)s->size[1]) +
+                                (e->aligned ? 0.0 : 6.2 * b->g[p]) * (e->inverse[0] + e->inverse[1]);
         b->slack[p] += CANOPY_EXACT_EPSILON * e->windows_reach *
                        (800.0 + 4.0 * (double)s->window_count + 8.0 * argument + 4.0 * across);
     }

@@ -30,9 +30,13 @@
 // Other axes: each q = a . d has error at most 4.01 e g with g = |d0| + |d1| + |d2| (|a| <= 1 + 1e-6), so u is off by
 // at most 6.1 e g / pitch, and the slack is SLACK_BASE e B + e g (16 B (1/pu + 1/pv) + 8) + 2^-800.
 //
-// Windows: level k, coefficients at most B' in height: x = 2^k u - i0 is off by 2^k times u's error plus e |x|, slopes
-// are at most 2 B', and 16 products of weights are summed directly (weights: 8 roundings of sums at most 4; products
-// and sums 18): below 700 e B', and for the argument 2 B' (2^k (error of u + of v) + e (|x| + |y|)).
+// Windows: level k, coefficients at most B' in height. u = cell + s rounds once more, so it is off by 4.001 e (m - 1),
+// with other axes by 6.1 e g / pitch beside; 2^k u is exact and x = 2^k u - i0 adds e |x|. The slope by x is a convex
+// combination of differences of neighbours, zeros outside among them: at most 2 B', also across the window's edge.
+// With k <= 2 that makes e B' (32.01 (m + n - 2) + 48.8 g (1/pu + 1/pv) + 2 (|x| + |y|)). Each weight is off by less
+// than 6 e (its intermediate results are at most 6, and it is a sixth of them), the four of an axis by less than 16 e;
+// 16 products and their sum take 20 roundings: below 60 e B'. Adding the windows up and to S: (2 + count) e sum B'. The
+// slack takes 800 + 4 count + 8 (4.1 (m + n) + 6.2 g (1/pu + 1/pv)) + 4 (|x| + |y|), all times e sum B'.
 //
 // Points that this leaves open (margin within the slack, frame edge in doubt) go to rational.c.
 
