@@ -46,7 +46,7 @@ CFLAGS_ALL := -std=c11 -g -I. -I$(BUILD)/gen -ffp-contract=off -MMD -MP
 HOST_DEFINES := -D_GNU_SOURCE
 SSE := -msse2 -mfpmath=sse
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
-HOST_LIBS := -Wl,--as-needed -lmodbus -lgmp -ljansson -lm -pthread
+HOST_LIBS := -Wl,--as-needed -lmodbus -lgmp -ljansson -llzf -lm -pthread
 
 # ---------------------------------------------------------------------------------------------------------------------
 # What must be installed: checked quickly before anything of its kind is built, installed only when missing.

@@ -1,4 +1,4 @@
-// libFuzzer on the files a user gives: text points, PLY points and surrogates, chosen by the first byte. A surrogate
+// libFuzzer on the files a user gives: points as text, PLY, PCD and LAS, and surrogates, chosen by the first byte. A surrogate
 // that is accepted is also checked against a few points and written and read again.
 #include <math.h>
 #include <stdio.h>
@@ -77,9 +77,11 @@ static void read_surrogate(const char *name) {
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (size < 1)
         return 0;
-    switch (data[0] % 3) {
+    switch (data[0] % 5) {
     case 0: read_points(write_file(".xyz", data + 1, size - 1)); break;
     case 1: read_points(write_file(".ply", data + 1, size - 1)); break;
+    case 2: read_points(write_file(".pcd", data + 1, size - 1)); break;
+    case 3: read_points(write_file(".las", data + 1, size - 1)); break;
     default: read_surrogate(write_file(".json", data + 1, size - 1)); break;
     }
     unlink(path);

@@ -28,9 +28,10 @@ static void take(void *context, const struct canopy_cloud *cloud) {
     canopy_exact_add(work->exact, cloud, &work->result);
 }
 
-static void print_verdict(const struct canopy_exact_result *r, double unit) {
-    printf("%s: %" PRIu64 " points, %" PRIu64 " on the wrong side, %" PRIu64 " outside the frame",
-           canopy_exact_is_safe(r) ? "safe" : "NOT SAFE", r->points, r->wrong, r->outside);
+static void print_verdict(const struct canopy_exact_result *r, const struct canopy_points_info *info, double unit) {
+    printf("%s: %" PRIu64 " point%s%s, %" PRIu64 " on the wrong side, %" PRIu64 " outside the frame",
+           canopy_exact_is_safe(r) ? "safe" : "NOT SAFE", r->points, r->points == 1 ? "" : "s",
+           canopy_points_skipped(info).text, r->wrong, r->outside);
     if (r->points > r->outside) {
         printf(", worst margin %.3g (%.3g device units), mean gap %.4g%% of the height range, max %.3g%%",
                r->margin * unit, r->margin, canopy_exact_mean_gap(r), canopy_exact_max_gap(r));
@@ -52,14 +53,15 @@ int canopy_command_check(int argc, char **argv) {
         return canopy_command_fail(&fault);
     }
     struct work work = {.exact = canopy_exact_open(&surrogate), .result = canopy_exact_begin()};
+    struct canopy_points_info info;
     bool ok = false;
     if (!work.exact) {
         canopy_fault_set(&fault, "%s: out of memory: close other programs", operands.surrogate);
     } else {
-        ok = canopy_stream_points(operands.points, &surrogate, (struct canopy_stream_sink){&work, take}, &fault);
+        ok = canopy_stream_points(operands.points, &surrogate, (struct canopy_stream_sink){&work, take}, &info, &fault);
     }
     if (ok) {
-        print_verdict(&work.result, surrogate.unit);
+        print_verdict(&work.result, &info, surrogate.unit);
     }
     canopy_exact_close(work.exact);
     canopy_surrogate_free(&surrogate);

@@ -1,6 +1,7 @@
 // canopy eval: the surface over each point.
 
 #include <argp.h>
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -155,14 +156,19 @@ static bool evaluate(const struct arguments *arguments, const struct canopy_surr
                         .exact = canopy_exact_open(surrogate),
                         .outline = outline,
                         .normals = arguments->normals};
+    struct canopy_points_info info = {.skipped = 0};
     bool ok = work.exact != NULL;
-    ok = ok &&
-         canopy_stream_points(arguments->operands.points, surrogate, (struct canopy_stream_sink){&work, take}, fault);
+    ok = ok && canopy_stream_points(arguments->operands.points, surrogate, (struct canopy_stream_sink){&work, take},
+                                    &info, fault);
     if (!work.exact || work.failed) {
         ok = canopy_fault_set(fault, "out of memory: close other programs");
     }
     canopy_exact_close(work.exact);
     free(work.heights);
+    if (ok && info.skipped > 0) {
+        fprintf(stderr, "canopy: %s: heights of %" PRIu64 " points%s\n", arguments->operands.points, info.count,
+                canopy_points_skipped(&info).text);
+    }
     return ok;
 }
 

@@ -7,7 +7,8 @@
 /// The formats of a point file, for help texts.
 #define CANOPY_OPERANDS_POINTS                                                                                         \
     "POINTS is .xyz or .csv (three numbers a line, separated by blanks, comma, semicolon or tab; more are ignored; # " \
-    "begins a comment), .ply (ASCII or binary), or - for text on standard input.\n\n"
+    "begins a comment), .ply or .pcd (ASCII or binary), .las, or - for standard input, where the first bytes tell "    \
+    "the format. docs/files.md says more.\n\n"
 
 struct canopy_operands {
     const char *surrogate;

@@ -35,10 +35,9 @@ static bool take(void *context, const double point[3], uint64_t where, struct ca
 }
 
 bool canopy_stream_points(const char *path, const struct canopy_surrogate *surrogate, struct canopy_stream_sink sink,
-                          struct canopy_fault *fault) {
+                          struct canopy_points_info *info, struct canopy_fault *fault) {
     struct state state = {.surrogate = surrogate, .sink = sink, .list = {.scalar = surrogate->scalar}};
-    struct canopy_points_info info;
-    const bool ok = canopy_points_read(path, (struct canopy_points_sink){&state, take}, &info, fault);
+    const bool ok = canopy_points_read(path, (struct canopy_points_sink){&state, take}, info, fault);
     if (ok) {
         flush(&state);
     }

@@ -12,8 +12,9 @@ struct canopy_stream_sink {
     void (*take)(void *context, const struct canopy_cloud *cloud);
 };
 
-/// Reads `path` to its end. Bad points are faults with their line, as in points.h and device.h.
+/// Reads `path` to its end. Bad points are faults with their line, as in points.h and device.h. `info` says what was
+/// read.
 bool canopy_stream_points(const char *path, const struct canopy_surrogate *surrogate, struct canopy_stream_sink sink,
-                          struct canopy_fault *fault);
+                          struct canopy_points_info *info, struct canopy_fault *fault);
 
 #endif

@@ -126,13 +126,12 @@ static double unit_for(const struct loader *loader) {
 }
 
 static bool read_with_unit(const char *path, struct loader *loader, struct canopy_fault *fault) {
-    struct canopy_points_info info;
-    return canopy_points_read(path, (struct canopy_points_sink){loader, take}, &info, fault);
+    return canopy_points_read(path, (struct canopy_points_sink){loader, take}, &loader->loaded->info, fault);
 }
 
 static bool read_and_find_unit(const char *path, struct loader *loader, struct canopy_fault *fault) {
-    struct canopy_points_info info;
-    if (!canopy_points_read(path, (struct canopy_points_sink){loader, take_raw}, &info, fault)) {
+    const struct canopy_points_info *info = &loader->loaded->info;
+    if (!canopy_points_read(path, (struct canopy_points_sink){loader, take_raw}, &loader->loaded->info, fault)) {
         return false;
     }
     loader->loaded->unit = unit_for(loader);
@@ -144,7 +143,7 @@ static bool read_and_find_unit(const char *path, struct loader *loader, struct c
                 "%g overflows 32-bit fixed point at unit %g, which the points' extent asks for: give a larger "
                 "--unit or move the origin",
                 loader->largest, loader->loaded->unit);
-            return canopy_points_place(fault, path, info.by_line, loader->largest_at);
+            return canopy_points_place(fault, path, info->by_line, loader->largest_at);
         }
     }
     return true;

@@ -6,6 +6,7 @@
 
 #include "tools/common/device.h"
 #include "tools/common/fault.h"
+#include "tools/common/points.h"
 #include "tools/common/surrogate.h"
 
 struct canopy_load_wish {
@@ -16,8 +17,9 @@ struct canopy_load_wish {
 
 struct canopy_loaded {
     struct canopy_device_list list;
-    double unit;  ///< input units a device unit
-    double loss;  ///< the most that rounding moved a coordinate, in input units
+    double unit;                     ///< input units a device unit
+    struct canopy_points_info info;  ///< what was read
+    double loss;                     ///< the most that rounding moved a coordinate, in input units
 };
 
 /// Reads `path`. Where the unit is not given: 1 in float; in fixed point the power of ten that spreads the largest

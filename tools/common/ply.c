@@ -6,24 +6,22 @@
 #include <string.h>
 
 #include "tools/common/number.h"
+#include "tools/common/value.h"
 
 #define MAX_ELEMENTS 64
 #define MAX_PROPERTIES 256
 #define NAME_SIZE 64
 
-enum type { INT8, UINT8, INT16, UINT16, INT32, UINT32, FLOAT32, FLOAT64, NO_TYPE };
-
 static const struct {
     const char *name;
     const char *alias;
-    unsigned size;
-} TYPES[] = {{"char", "int8", 1}, {"uchar", "uint8", 1}, {"short", "int16", 2},   {"ushort", "uint16", 2},
-             {"int", "int32", 4}, {"uint", "uint32", 4}, {"float", "float32", 4}, {"double", "float64", 8}};
+} TYPES[] = {{"char", "int8"}, {"uchar", "uint8"}, {"short", "int16"},   {"ushort", "uint16"},
+             {"int", "int32"}, {"uint", "uint32"}, {"float", "float32"}, {"double", "float64"}};
 
 struct property {
-    enum type type;
-    enum type count_type;  ///< NO_TYPE for a scalar
-    int axis;              ///< 0, 1, 2 for a vertex's x, y, z; else -1
+    enum canopy_value type;
+    enum canopy_value count_type;  ///< CANOPY_NO_VALUE for a scalar
+    int axis;                      ///< 0, 1, 2 for a vertex's x, y, z; else -1
 };
 
 struct element {
@@ -49,12 +47,13 @@ struct reader {
     struct canopy_fault *fault;
 };
 
-static enum type type_of(const char *word) {
-    unsigned i = 0;
-    while (i < NO_TYPE && strcmp(word, TYPES[i].name) != 0 && strcmp(word, TYPES[i].alias) != 0) {
-        i++;
+static enum canopy_value type_of(const char *word) {
+    for (unsigned i = 0; i < sizeof TYPES / sizeof TYPES[0]; i++) {
+        if (strcmp(word, TYPES[i].name) == 0 || strcmp(word, TYPES[i].alias) == 0) {
+            return (enum canopy_value)i;
+        }
     }
-    return (enum type)i;
+    return CANOPY_NO_VALUE;
 }
 
 static bool header_fault(struct reader *reader, const char *what) {
@@ -104,9 +103,9 @@ static bool add_property(struct reader *reader, char *const *words, int count) {
         return header_fault(reader, "PLY property line: give 'property TYPE NAME' or 'property list TYPE TYPE NAME' "
                                     "after an element, at most 256");
     }
-    const enum type type = type_of(words[list ? 3 : 1]);
-    const enum type count_type = list ? type_of(words[2]) : NO_TYPE;
-    if (type == NO_TYPE || (list && count_type >= FLOAT32)) {
+    const enum canopy_value type = type_of(words[list ? 3 : 1]);
+    const enum canopy_value count_type = list ? type_of(words[2]) : CANOPY_NO_VALUE;
+    if (type == CANOPY_NO_VALUE || (list && count_type >= CANOPY_FLOAT32)) {
         return header_fault(
             reader,
             "unknown PLY type: give char uchar short ushort int uint float double, a list's count as a whole number");
@@ -199,50 +198,10 @@ static bool read_header(struct reader *reader) {
     return state == CANOPY_SOURCE_OK && check_vertices(reader);
 }
 
-/// `size` bytes, lowest first, whatever the file's order.
-static uint64_t assemble(const unsigned char *bytes, unsigned size, bool big) {
-    uint64_t value = 0;
-    for (unsigned i = 0; i < size; i++) {
-        value |= (uint64_t)bytes[big ? size - 1 - i : i] << (8 * i);
-    }
-    return value;
-}
-
-static double as_number(const unsigned char *bytes, enum type type, bool big) {
-    const uint64_t raw = assemble(bytes, TYPES[type].size, big);
-    float narrow = 0.0F;
-    double wide = 0.0;
-    const uint32_t low = (uint32_t)raw;
-    switch (type) {
-    case INT8: return (double)(int8_t)low;
-    case INT16: return (double)(int16_t)low;
-    case INT32: return (double)(int32_t)low;
-    case FLOAT32: memcpy(&narrow, &low, sizeof narrow); return (double)narrow;
-    case FLOAT64: memcpy(&wide, &raw, sizeof wide); return wide;
-    case UINT8:
-    case UINT16:
-    case UINT32:
-    case NO_TYPE:
-    default: return (double)low;
-    }
-}
-
 static bool binary_fault(struct reader *reader, const struct element *element, uint64_t index) {
     const struct canopy_fault why = *reader->fault;
     return canopy_fault_set(reader->fault, "%s (in %s %" PRIu64 " of %" PRIu64 ")", why.text, element->name, index + 1,
                             element->count);
-}
-
-/// Reads over `count` values of a list.
-static bool skip_bytes(struct reader *reader, uint64_t count) {
-    while (count > 0) {
-        const size_t part = count < CANOPY_LINE_LIMIT ? (size_t)count : CANOPY_LINE_LIMIT;
-        if (!canopy_source_bytes(reader->source, part, reader->fault)) {
-            return false;
-        }
-        count -= part;
-    }
-    return true;
 }
 
 /// One instance of an element; point[] is set where the element has coordinates.
@@ -250,20 +209,21 @@ static bool binary_instance(struct reader *reader, const struct element *element
     const bool big = reader->header.format == BIG;
     const struct property *property = &reader->header.properties[element->first];
     for (const struct property *last = property + element->properties; property < last; property++) {
-        const bool list = property->count_type != NO_TYPE;
-        const enum type type = list ? property->count_type : property->type;
-        const unsigned char *bytes = canopy_source_bytes(reader->source, TYPES[type].size, reader->fault);
+        const bool list = property->count_type != CANOPY_NO_VALUE;
+        const enum canopy_value type = list ? property->count_type : property->type;
+        const unsigned char *bytes = canopy_source_bytes(reader->source, canopy_value_size(type), reader->fault);
         if (!bytes) {
             return false;
         }
-        const double value = as_number(bytes, type, big);
+        const double value = canopy_value_real(bytes, type, big);
         if (list) {
             if (value < 0) {
                 return canopy_fault_set(
                     reader->fault, "%s: byte %" PRIu64 ": a list of negative length: the file is damaged, copy it anew",
                     reader->source->name, reader->source->offset);
             }
-            if (!skip_bytes(reader, (uint64_t)value * TYPES[property->type].size)) {
+            if (!canopy_source_skip(reader->source, (uint64_t)value * canopy_value_size(property->type),
+                                    reader->fault)) {
                 return false;
             }
         } else if (property->axis >= 0) {
@@ -325,7 +285,7 @@ static bool ascii_instance(struct reader *reader, const struct element *element,
         if (!ascii_number(reader, &line, &value)) {
             return false;
         }
-        if (property->count_type != NO_TYPE) {
+        if (property->count_type != CANOPY_NO_VALUE) {
             for (double left = value; left >= 1.0; left -= 1.0) {
                 if (!ascii_number(reader, &line, &value)) {
                     return false;

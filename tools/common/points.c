@@ -1,22 +1,44 @@
 #include "tools/common/points.h"
 
 #include <inttypes.h>
+#include <stdio.h>
 #include <string.h>
 #include <strings.h>
 
+#include "tools/common/las.h"
 #include "tools/common/number.h"
+#include "tools/common/pcd.h"
 #include "tools/common/ply.h"
 #include "tools/common/source.h"
 
-static bool ends_in_ply(const char *path) {
+typedef bool format_reader(struct canopy_source *, struct canopy_points_sink, struct canopy_points_info *,
+                           struct canopy_fault *);
+
+static const struct {
+    const char *ending;
+    const char *start;
+    format_reader *read;
+} FORMATS[] = {{".ply", "ply\n", canopy_ply_read},  {".ply", "ply\r", canopy_ply_read},
+               {".pcd", "# .PCD", canopy_pcd_read}, {".pcd", "VERSION", canopy_pcd_read},
+               {".las", "LASF", canopy_las_read},   {".laz", "LASF", canopy_las_read}};
+
+static bool ends_in(const char *path, const char *ending) {
     const size_t length = strlen(path);
-    return length >= 4 && strcasecmp(path + length - 4, ".ply") == 0;
+    return length >= strlen(ending) && strcasecmp(path + length - strlen(ending), ending) == 0;
 }
 
 bool canopy_points_place(struct canopy_fault *fault, const char *path, bool by_line, uint64_t where) {
     const char *name = strcmp(path, "-") == 0 ? "standard input" : path;
     return by_line ? canopy_fault_prefix(fault, "%s:%" PRIu64, name, where)
-                   : canopy_fault_prefix(fault, "%s: vertex %" PRIu64, name, where);
+                   : canopy_fault_prefix(fault, "%s: point %" PRIu64, name, where);
+}
+
+struct canopy_points_note canopy_points_skipped(const struct canopy_points_info *info) {
+    struct canopy_points_note note = {""};
+    if (info->skipped > 0) {
+        snprintf(note.text, sizeof note.text, " (%" PRIu64 " more in the file %s)", info->skipped, info->why);
+    }
+    return note;
 }
 
 static const char *skip_blanks(const char *p) {
@@ -71,7 +93,7 @@ static bool read_columns(const char *p, double point[3], struct canopy_fault *fa
     return true;
 }
 
-static bool read_text(struct canopy_source *source, struct canopy_points_sink sink, uint64_t *count,
+static bool read_text(struct canopy_source *source, struct canopy_points_sink sink, struct canopy_points_info *info,
                       struct canopy_fault *fault) {
     char *line = NULL;
     enum canopy_source_state state = canopy_source_line(source, &line, fault);
@@ -87,9 +109,28 @@ static bool read_text(struct canopy_source *source, struct canopy_points_sink si
         if (!read_columns(p, point, fault) || !sink.take(sink.context, point, source->line, fault)) {
             return canopy_points_place(fault, source->name, true, source->line);
         }
-        ++*count;
+        info->count++;
     }
     return state == CANOPY_SOURCE_END;
+}
+
+/// The reader of a file: by its name, else by its first bytes.
+static format_reader *find_reader(struct canopy_source *source, const char *path, struct canopy_fault *fault) {
+    const size_t count = sizeof FORMATS / sizeof FORMATS[0];
+    for (size_t i = 0; i < count; i++) {
+        if (ends_in(path, FORMATS[i].ending)) {
+            return FORMATS[i].read;
+        }
+    }
+    size_t have = 8;
+    const unsigned char *start = canopy_source_peek(source, &have, fault);
+    for (size_t i = 0; start && i < count; i++) {
+        const size_t length = strlen(FORMATS[i].start);
+        if (have >= length && memcmp(start, FORMATS[i].start, length) == 0) {
+            return FORMATS[i].read;
+        }
+    }
+    return start ? read_text : NULL;
 }
 
 bool canopy_points_read(const char *path, struct canopy_points_sink sink, struct canopy_points_info *info,
@@ -99,13 +140,14 @@ bool canopy_points_read(const char *path, struct canopy_points_sink sink, struct
     if (!canopy_source_open(&source, path, fault)) {
         return false;
     }
-    const bool ok =
-        ends_in_ply(path) ? canopy_ply_read(&source, sink, info, fault) : read_text(&source, sink, &info->count, fault);
+    format_reader *const read = find_reader(&source, path, fault);
+    const bool ok = read && read(&source, sink, info, fault);
     const uint64_t line = source.line;
     canopy_source_close(&source);
-    if (ok && info->count == 0) {
-        return canopy_fault_set(fault, "%s:%" PRIu64 ": no points: give a file with at least one line of x y z",
-                                strcmp(path, "-") == 0 ? "standard input" : path, line);
+    if (!ok || info->count > 0) {
+        return ok;
     }
-    return ok;
+    canopy_fault_set(fault, info->skipped ? "no points but such as were not measured or are withheld: give others"
+                                          : "no points: give a file with at least one");
+    return canopy_points_place(fault, path, info->by_line, info->by_line ? line : info->skipped);
 }

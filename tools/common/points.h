@@ -1,6 +1,7 @@
 /// Points from a file, one after the other, in IEEE double.
 ///
-/// A path that ends in `.ply` (any case) is read as PLY; everything else, and "-" for standard input, as text: three
+/// A path that ends in `.ply`, `.pcd`, `.las` or `.laz` (any case) is read as that (ply.h, pcd.h, las.h), and so is
+/// whatever begins as such a file does, standard input ("-") too; everything else is text: three
 /// numbers a line, separated by blanks or tabs and at most one comma or semicolon; further columns are ignored, `#`
 /// starts a comment, blank lines are skipped. Nothing is repaired: a word, a missing column, two kinds of separator on
 /// a line (decimal commas), nan, inf or a number beyond double is a fault with its line. Memory does not grow with the
@@ -14,7 +15,7 @@
 #include "tools/common/fault.h"
 
 /// Takes one finite point. To refuse it, fill `fault` with what is wrong and the remedy, and return false; the reader
-/// puts the file and `where` in front. `where` is the text line, or in binary PLY the number of the vertex, from 1.
+/// puts the file and `where` in front. `where` is the text line, or in binary files the number of the point, from 1.
 struct canopy_points_sink {
     void *context;
     bool (*take)(void *context, const double point[3], uint64_t where, struct canopy_fault *fault);
@@ -22,13 +23,21 @@ struct canopy_points_sink {
 
 /// What was read.
 struct canopy_points_info {
-    uint64_t count;
-    bool by_line;  ///< `where` is a text line; false: it is the number of a vertex in a binary PLY
+    uint64_t count;    ///< points that the sink was given
+    uint64_t skipped;  ///< points that the file itself says are none …
+    const char *why;   ///< … because they "were not measured" (PCD) or "are withheld" (LAS)
+    bool by_line;      ///< `where` is a text line; false: it is the number of a point in a binary file
 };
 
 /// Reads all points of `path` into `sink`. No point at all is a fault. `info` is valid on success.
 bool canopy_points_read(const char *path, struct canopy_points_sink sink, struct canopy_points_info *info,
                         struct canopy_fault *fault);
+
+/// " (5 more in the file were not measured)", or nothing where none was skipped.
+struct canopy_points_note {
+    char text[80];
+};
+struct canopy_points_note canopy_points_skipped(const struct canopy_points_info *info);
 
 /// Puts `path` and the place `where` before the text of a fault found after reading. Always returns false.
 bool canopy_points_place(struct canopy_fault *fault, const char *path, bool by_line, uint64_t where);

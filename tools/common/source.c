@@ -85,7 +85,8 @@ enum canopy_source_state canopy_source_line(struct canopy_source *source, char *
     }
     if (memchr(start, 0, length)) {
         canopy_fault_set(fault,
-                         "%s:%" PRIu64 ": a zero byte: this is not a text file of points (a binary PLY is named .ply)",
+                         "%s:%" PRIu64
+                         ": a zero byte: this is not a text file of points (binary files are named .ply, .pcd or .las)",
                          source->name, source->line);
         return CANOPY_SOURCE_FAULT;
     }
@@ -114,4 +115,26 @@ const unsigned char *canopy_source_bytes(struct canopy_source *source, size_t co
     source->begin += count;
     source->offset += count;
     return bytes;
+}
+
+bool canopy_source_skip(struct canopy_source *source, uint64_t count, struct canopy_fault *fault) {
+    while (count > 0) {
+        const size_t part = count < CANOPY_LINE_LIMIT ? (size_t)count : CANOPY_LINE_LIMIT;
+        if (!canopy_source_bytes(source, part, fault)) {
+            return false;
+        }
+        count -= part;
+    }
+    return true;
+}
+
+const unsigned char *canopy_source_peek(struct canopy_source *source, size_t *count, struct canopy_fault *fault) {
+    while (!source->ended && source->end - source->begin < *count) {
+        if (!refill(source, fault)) {
+            return NULL;
+        }
+    }
+    const size_t have = source->end - source->begin;
+    *count = have < *count ? have : *count;
+    return (const unsigned char *)source->buffer + source->begin;
 }

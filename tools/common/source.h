@@ -1,4 +1,4 @@
-/// A buffered input file that knows its name, its line and its byte: what both point readers stand on.
+/// A buffered input file that knows its name, its line and its byte: what every point reader stands on.
 ///
 /// One buffer of fixed size however large the file; "-" is standard input.
 #ifndef CANOPY_TOOLS_COMMON_SOURCE_H
@@ -37,6 +37,13 @@ enum canopy_source_state canopy_source_line(struct canopy_source *source, char *
 /// The next `count` bytes (at most CANOPY_LINE_LIMIT), valid until the next call; NULL if the file ends before them or
 /// cannot be read, with `fault` saying at which byte.
 const unsigned char *canopy_source_bytes(struct canopy_source *source, size_t count, struct canopy_fault *fault);
+
+/// Reads over `count` bytes. False if the file ends before them or cannot be read.
+bool canopy_source_skip(struct canopy_source *source, uint64_t count, struct canopy_fault *fault);
+
+/// What comes next, without consuming it: `*count` bytes, at most CANOPY_LINE_LIMIT, fewer at the end of the file.
+/// Valid until the next call; NULL if the file cannot be read.
+const unsigned char *canopy_source_peek(struct canopy_source *source, size_t *count, struct canopy_fault *fault);
 
 /// Closes what canopy_source_open opened.
 void canopy_source_close(struct canopy_source *source);
