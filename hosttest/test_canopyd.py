@@ -246,6 +246,31 @@ def test_sweep_in_process_over_tcp(start, scene, tmp_path, side):
     assert daemon.end() == 0
 
 
+def gap_of(values, scene, path):
+    done = subprocess.run([HOST / "canopy", "check", write_surrogate(values, path), scene], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    return float(re.search(r"mean gap ([0-9.e+-]+)%", done.stdout).group(1))
+
+
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_spare_time_makes_it_tighter(start, scene, tmp_path, side):
+    """With --method tight the same scene's envelope comes again, certified and far nearer."""
+    count, path = points_in(scene), tmp_path / "read.json"
+    _, port = canopyd(start, f"sim:{scene}", "--side", side, "--grid", "12x10")
+    fast = registers(port)
+    wait(fast, "points", lambda points: points == count)
+    gap = gap_of(fast.envelope(), scene, path)
+    daemon, port = canopyd(start, f"sim:{scene}", "--side", side, "--grid", "12x10", "--method", "tight")
+    plc = registers(port)
+    wait(plc, "points", lambda points: points == count)
+    end = time.monotonic() + 20
+    while gap_of(values := plc.envelope(), scene, path) > 0.8 * gap:
+        assert time.monotonic() < end, "it stays as loose as it was"
+    check_surrogate(path, scene)
+    assert values["points"] == count and plc["status"] == VALID
+    assert daemon.end() == 0
+
+
 def test_pymodbus_reads_the_same(start, scene):
     from pymodbus.client import ModbusTcpClient
     _, port = canopyd(start, f"sim:{scene}")
@@ -697,6 +722,7 @@ USAGE = [
     {"scanner": "modbus-tcp:localhost"}, {"scanner": "modbus-tcp:localhost:0"}, {"scanner": "modbus-tcp:localhost:65536"},
     {"scanner": "modbus-tcp:::1:502"}, {"scanner": "i2c:/dev/i2c-1@16"}, {"modbus": "tcp:1"}, {"modbus": "udp:localhost:1"},
     {"modbus": "tcp:127.0.0.1:0,unit=1"}, {"modbus": "rtu:/dev/null,9600,8E1,1,rs232"}, {"side": "left"},
+    {"method": "quick"},
 ]
 INPUT = [
     ({"scanner": "sim:/nowhere/points.xyz"}, "/nowhere/points.xyz"), ({"scanner": "sim:DIR"}, "DIR"),
@@ -705,6 +731,7 @@ INPUT = [
     ({"grid": "100x100", "field": "32"}, "--field 32"), ({"unit": "0"}, "0"), ({"unit": "-1"}, "-1"),
     ({"unit": "nan"}, "nan"), ({"unit": "1e99"}, "1e99"), ({"unit": "1e-12"}, "SCENE"), ({"field": "0"}, "0"),
     ({"field": "33"}, "33"), ({"lines": "3"}, "lines 3"), ({"stale-after": "soon"}, "soon"), ({"frame": "SCENE"}, "SCENE"),
+    ({"grid": "100x100", "method": "tight"}, "4096 coefficients, not 100x100"),
     ({"dir": "0,0,0"}, "--dir: '0,0,0'"), ({"dir": "1,2"}, "--dir"), ({"plane": "0,0,0,1,1,1,3,3,3"}, "on a line"),
     ({"plane": "0,0,0,1,1,1"}, "--plane"), ({"plane": "0,0,0,1,0,0,0,1,0", "dir": "0,0,1"}, "give one of them"),
     ({"frame": "SCENE", "dir": "0,0,1"}, "give one of them"),

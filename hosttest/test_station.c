@@ -25,6 +25,7 @@
 #include "lib/cover/line.h"
 #include "lib/spline/surface.h"
 #include "lib/station/station.h"
+#include "lib/station/tightening.h"
 #include "tools/common/random.h"
 
 __extension__ typedef __int128 wide;
@@ -49,6 +50,8 @@ struct world {
     struct canopy_station_config config;
     struct canopy_modbus_bank bank;
     uint64_t *arena;
+    struct canopy_station_tightening tightening;
+    bool tight;  // spends its spare time on that
     uint64_t seed, random, now_us;
 
     struct canopy_frame frame;
@@ -70,7 +73,11 @@ struct world {
 static struct {
     uint64_t raised[CANOPY_STATION_SETTLING + 1];  // readings that raised a cell, by stage
     uint64_t intrusions, lower, late, ranges, refreshes, withdrawals, restarts, publications, fails, held, broken;
+    uint64_t tightened, kept, given_up;
 } met;
+
+#define ROWS_MAX CANOPY_TIGHTEN_ROWS_FEW(GRID_MAX, GRID_MAX)
+static CANOPY_ARENA_DECLARE(tightening_arena, CANOPY_STATION_TIGHTENING_ARENA(GRID_MAX, GRID_MAX, CELLS_MAX, ROWS_MAX));
 
 static struct world world;
 
@@ -242,6 +249,18 @@ static void start(struct world *w, const struct canopy_station_config *config) {
     w->bank = canopy_station_bank(&w->station);
 }
 
+// Has the station spend its spare time on tightening.
+static void tighten(struct world *w) {
+    const struct canopy_grid *grid = &w->config.grid;
+    const uint32_t rows = CANOPY_TIGHTEN_ROWS_FEW(grid->size[0], grid->size[1]);
+    assert_int_equal(canopy_station_tightening_init(
+                         &w->tightening, grid, rows, tightening_arena,
+                         CANOPY_STATION_TIGHTENING_ARENA(grid->size[0], grid->size[1], grid->cells, rows)),
+                     CANOPY_OK);
+    w->station.spare = &w->tightening.spare;
+    w->tight = true;
+}
+
 static void do_scene(struct world *w, const int32_t low[3], const int32_t high[3]) {
     struct canopy_frame frame;
     MUST(canopy_frame_around_fx(&frame, &w->config.grid, low, high) == CANOPY_OK);
@@ -313,10 +332,13 @@ static void do_reading(struct world *w, const int32_t point[3], uint32_t uncerta
 
 static void do_step(struct world *w, uint32_t budget) {
     const uint32_t failed = w->station.fits_failed, points = w->station.published_points, sequence = w->sequence;
-    const bool resting = w->station.stage == CANOPY_STATION_RESTING;
+    const bool resting = w->station.stage == CANOPY_STATION_RESTING, kept = w->station.kept;
     canopy_station_step(&w->station, budget, w->now_us);
     met.fails += w->station.fits_failed - failed;
     check(w);
+    met.tightened += w->sequence > sequence && w->station.tightened && !kept;
+    met.kept += w->sequence > sequence && w->station.tightened && kept;
+    met.given_up += kept && !w->station.kept && !w->station.tightened;
     met.refreshes += resting && w->station.stage == CANOPY_STATION_RESTING && w->sequence != sequence &&
                      w->station.published_points != points && budget == 0;
 }
@@ -439,7 +461,7 @@ static void act(struct world *w, struct life *life, bool feeding) {
         }
     } else if (dice < 985) {
         w->now_us += below(w, 2000);
-        do_step(w, below(w, 6));
+        do_step(w, below(w, 6) * (w->tight ? 60 : 1));
     } else if (dice < 988) {
         w->now_us += below(w, 3000000);
         do_step(w, 0);
@@ -482,6 +504,7 @@ static void settle(struct world *w) {
     }
     MUST(w->count == 0 || w->sequence == 0 || w->kept[w->sequence].envelope.points == w->count);
     MUST(w->intrusion == w->latched);
+    MUST(!canopy_station_is_working(&w->station));
 }
 
 static void choose(struct world *w, struct canopy_station_config *config, struct life *life) {
@@ -511,6 +534,9 @@ static void live(struct world *w, uint64_t seed) {
     struct life life;
     choose(w, &config, &life);
     start(w, &config);
+    if (canopy_random_mix(seed + 1) % 12 == 0) {
+        tighten(w);
+    }
     make_box(w, &life);
     if (chance(w, 0.1)) {
         do_step(w, 3);  // nothing to do yet
@@ -560,6 +586,7 @@ static void test_random_lives(void **state) {
     }
     assert_true(met.intrusions > 0 && met.lower > 0 && met.late > 0 && met.ranges > 0 && met.restarts > 0);
     assert_true(met.refreshes > 0 && met.withdrawals > 0 && met.held > 0 && met.broken > 0);
+    assert_true(met.tightened > 0 && met.kept > 0 && met.given_up > 0);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -787,6 +814,84 @@ static void test_stale_and_fresh_again(void **state) {
     assert_int_equal(status_of(w), CANOPY_PLC_VALID);
 }
 
+// The sum of the distances of all readings to the surface that is published.
+static double gap_of(const struct world *w) {
+    double sum = 0;
+    for (uint32_t i = 0; i < w->count; i++) {
+        wide scale;
+        const wide gap = distance(&w->kept[w->sequence], &w->readings[i], &scale);
+        sum += (double)gap / (double)scale;
+    }
+    return sum;
+}
+
+static void rest_of_work(struct world *w) {
+    for (int i = 0; i < 200000 && (i < 3 || canopy_station_is_working(&w->station)); i++) {
+        w->now_us += 1000;
+        do_step(w, 1);
+    }
+    MUST(!canopy_station_is_working(&w->station));
+}
+
+// Left alone it becomes tighter; what still holds is kept when the field rises under it; an intrusion is fitted anew.
+static void test_spare_time_makes_it_tighter(void **state) {
+    (void)state;
+    struct world *w = &world;
+    struct canopy_station_config config = {.grid = {{8, 7}, 4, CANOPY_BELOW},
+                                           .lines = 1,
+                                           .clients = 1,
+                                           .unit = 1.0F,
+                                           .stale_after_us = 1000000000,
+                                           .refresh_us = 100};
+    w->random = 5;
+    start(w, &config);
+    tighten(w);
+    do_scene(w, (const int32_t[3]){0, 0, -2000}, (const int32_t[3]){700, 600, 2000});
+    for (int i = 0; i < 900; i++) {
+        const int32_t x = (int32_t)below(w, 701), y = (int32_t)below(w, 601);
+        const int32_t hill = 1500 - (((x - 300) * (x - 300) + (y - 300) * (y - 300)) / 80);
+        do_reading(w, (const int32_t[3]){x, y, (hill > -1000 ? hill : -1000) + (int32_t)below(w, 200)}, 0);
+    }
+    while (w->sequence == 0) {
+        do_step(w, 1);
+    }
+    MUST(!w->station.tightened);
+    const double fast = gap_of(w);
+    rest_of_work(w);
+    const struct copy tight = w->kept[w->sequence];
+    MUST(w->station.tightened && w->sequence == 2 && gap_of(w) < 0.6 * fast);
+    MUST((double)canopy_tighten_excess(&w->tightening.tighten) < 0.05);
+
+    // a reading that raises its cell, under the surface
+    int32_t between_them[3];
+    memcpy(between_them, w->readings[0].point, sizeof between_them);
+    for (uint32_t sequence = w->sequence; w->sequence == sequence; between_them[2]--) {
+        MUST(status_of(w) == CANOPY_PLC_VALID);
+        do_reading(w, between_them, 0);
+        for (int i = 0; i < 200 && w->sequence == sequence && w->station.risen; i++) {
+            w->now_us += 1000;
+            do_step(w, 1000);
+        }
+        w->now_us += 1000;
+        do_step(w, 1000);
+    }
+    MUST(w->station.tightened && status_of(w) == CANOPY_PLC_VALID);
+    assert_memory_equal(w->kept[w->sequence].coefficients, tight.coefficients, 4 * 8 * 7);
+    rest_of_work(w);
+    MUST(gap_of(w) < 0.6 * fast);
+
+    // one beyond it
+    do_reading(w, (const int32_t[3]){300, 300, -1900}, 0);
+    MUST((status_of(w) & CANOPY_PLC_INTRUSION) != 0);
+    const uint32_t before = w->sequence;
+    while (w->sequence == before) {
+        do_step(w, 1);
+    }
+    MUST(!w->station.tightened && status_of(w) == CANOPY_PLC_VALID);
+    rest_of_work(w);
+    MUST(w->station.tightened);
+}
+
 // A frame that is refused leaves the scene as it was, also when something is published or being fitted.
 static void test_refused_frames_change_nothing(void **state) {
     (void)state;
@@ -876,6 +981,7 @@ int main(void) {
         cmocka_unit_test(test_refused_frames_change_nothing),
         cmocka_unit_test(test_refresh_counts_more_points),
         cmocka_unit_test(test_stale_and_fresh_again),
+        cmocka_unit_test(test_spare_time_makes_it_tighter),
         cmocka_unit_test(test_every_interleaving),
         cmocka_unit_test(test_random_lives),
     };

@@ -86,6 +86,30 @@ static bool open_servers(struct canopyd *daemon, const struct canopyd_options *o
     return true;
 }
 
+// Larger ones would keep PLCs waiting: there is work that looks once at every coefficient.
+enum { TIGHT_MOST = 4096 };
+
+static bool open_tightening(struct canopyd *daemon, const struct canopy_grid *grid, struct canopy_fault *fault) {
+    const uint16_t m = grid->size[0], n = grid->size[1];
+    if (m * n > TIGHT_MOST) {
+        return canopy_fault_set(fault,
+                                "method tight takes at most %d coefficients, not %ux%u: choose another grid, or fast",
+                                TIGHT_MOST, m, n);
+    }
+    const uint32_t rows = CANOPY_TIGHTEN_ROWS(m, n);
+    const size_t bytes = CANOPY_STATION_TIGHTENING_ARENA(m, n, grid->cells, rows);
+    daemon->tightening_arena = aligned_alloc(64, (bytes + 63) / 64 * 64);
+    if (daemon->tightening_arena == NULL) {
+        return canopy_fault_set(fault, "no memory to tighten a grid of %ux%u: choose a smaller one, or fast", m, n);
+    }
+    memset(daemon->tightening_arena, 0, bytes);
+    if (canopy_station_tightening_init(&daemon->tightening, grid, rows, daemon->tightening_arena, bytes) != CANOPY_OK) {
+        return canopy_fault_set(fault, "a grid of %ux%u cannot be tightened: choose another, or fast", m, n);
+    }
+    daemon->station.spare = &daemon->tightening.spare;
+    return true;
+}
+
 static bool open_station(struct canopyd *daemon, const struct canopyd_options *options, const struct canopy_grid *grid,
                          struct canopy_fault *fault) {
     unsigned clients = 0;
@@ -113,7 +137,7 @@ static bool open_station(struct canopyd *daemon, const struct canopyd_options *o
     }
     daemon->bank = canopy_station_bank(&daemon->station);
     daemon->station.scan = &daemon->scan.counters;
-    return true;
+    return !options->tight || open_tightening(daemon, grid, fault);
 }
 
 // Reads what frame there is to keep to, and what is known of the unit.
@@ -243,9 +267,7 @@ static void take_readings(struct canopyd *daemon) {
     }
 }
 
-static bool is_busy(const struct canopyd *daemon) {
-    return daemon->station.stage != CANOPY_STATION_WAITING && daemon->station.stage != CANOPY_STATION_RESTING;
-}
+static bool is_busy(const struct canopyd *daemon) { return canopy_station_is_working(&daemon->station); }
 
 static void step(struct canopyd *daemon) {
     const uint64_t begin_us = canopy_linux_now_us();
@@ -373,7 +395,8 @@ bool canopyd_close(struct canopyd *daemon) {
     }
     canopyd_source_close(&daemon->source);
     free(daemon->arena);
-    daemon->arena = NULL;
+    free(daemon->tightening_arena);
+    daemon->arena = daemon->tightening_arena = NULL;
     if (daemon->signals >= 0) {
         close(daemon->signals);
     }

@@ -11,6 +11,7 @@
 #include "boards/linux/options.h"
 #include "boards/linux/source.h"
 #include "lib/station/station.h"
+#include "lib/station/tightening.h"
 #include "port/linux/rtu_server.h"
 #include "port/linux/scanner.h"
 #include "port/linux/tcp_server.h"
@@ -24,6 +25,8 @@ struct canopyd {
     struct canopy_station station;
     struct canopy_modbus_bank bank;
     void *arena;
+    struct canopy_station_tightening tightening;  // where it is wanted
+    void *tightening_arena;
     struct canopy_linux_tcp_server tcp[CANOPYD_MODBUS_MAX];
     struct canopy_linux_rtu_server rtu[CANOPYD_MODBUS_MAX];
     unsigned tcp_count, rtu_count;

@@ -33,6 +33,9 @@ static const struct argp_option OPTIONS[] = {
     {"plane", 'p', "X,Y,Z,X,Y,Z,X,Y,Z", 0,
      "or at right angles to the plane of three points, towards who sees them anticlockwise", 2},
     {"field", 'q', "Q", 0, "field cells a knot interval, 1 to 32 (4)", 2},
+    {"method", 't', "fast|tight", 0,
+     "tight: while the scene rests, spend spare time on making the surface nearly as tight as the field allows (fast)",
+     2},
     {"lines", 'l', "L", 0, "lines a knot interval; divides Q; more is tighter and slower (1)", 2},
     {"stale-after", 'a', "MS", 0, "without a reading for so long the envelope is stale (5000)", 3},
     {"interval", 'i', "MS", 0, "from the beginning of one fit to the next, unless an intrusion is in haste (200)", 3},
@@ -107,6 +110,12 @@ static bool read_plane(const char *value, struct canopyd_options *options, struc
            canopy_fault_set(fault, "'%s': give three points X,Y,Z,X,Y,Z,X,Y,Z that are not on a line", value);
 }
 
+static bool read_method(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
+    options->tight = strcmp(value, "tight") == 0;
+    return options->tight || strcmp(value, "fast") == 0 ||
+           canopy_fault_set(fault, "'%s' is neither fast nor tight", value);
+}
+
 static bool read_modbus(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
     if (options->modbus_count == CANOPYD_MODBUS_MAX) {
         return canopy_fault_set(fault, "%s: more than %d are not served: leave some out", value, CANOPYD_MODBUS_MAX);
@@ -126,6 +135,7 @@ static bool set_key(int key, const char *value, struct canopyd_options *options,
     case 'p': return read_plane(value, options, fault);
     case 'q': return read_small(value, &options->field, fault);
     case 'l': return read_small(value, &options->lines, fault);
+    case 't': return read_method(value, options, fault);
     case 'a': return read_whole(value, 10, 4000000, &options->stale_after_ms, fault);
     case 'i': return read_whole(value, 0, 4000000, &options->interval_ms, fault);
     case 'r': return read_whole(value, 0, 4000000, &options->refresh_ms, fault);
@@ -252,7 +262,7 @@ static int apply(const struct given *given, struct canopyd_options *options, str
         const int key = given->items[i].key;
         if (!set_key(key, given->items[i].value, options, fault)) {
             canopy_fault_prefix(fault, "--%s", name_of(key));
-            return key == 's' || key == 'm' || key == 'd' ? CANOPYD_EXIT_USAGE : CANOPYD_EXIT_INPUT;
+            return key == 's' || key == 'm' || key == 'd' || key == 't' ? CANOPYD_EXIT_USAGE : CANOPYD_EXIT_INPUT;
         }
     }
     return CANOPYD_EXIT_OK;

@@ -25,6 +25,7 @@ struct canopyd_options {
     bool dir_given, plane_given;
     uint16_t field;
     uint16_t lines;
+    bool tight;  ///< spare time is spent on tightening
     uint32_t stale_after_ms, interval_ms, refresh_ms;
     uint32_t idle_ms;     ///< 0: TCP clients may idle for ever
     uint32_t timeout_ms;  ///< of the scanner's answers

@@ -85,7 +85,7 @@ struct canopy_tighten_size {
 
 /// Constraints in use: as many as are ever of use, and as few as do well, with up to twice the iterations.
 #define CANOPY_TIGHTEN_ROWS(m, n) ((uint32_t)32U * (m) * (n))
-#define CANOPY_TIGHTEN_ROWS_FEW(m, n) ((uint32_t)12U * (m) * (n))
+#define CANOPY_TIGHTEN_ROWS_FEW(m, n) ((uint32_t)4U * (m) * (n))
 
 /// Rows of the matrix, with what the widest chunk may read beyond its end.
 #define CANOPY_TIGHTEN_BAND(n) (3U * (size_t)(n) + 4U)
@@ -120,6 +120,7 @@ enum canopy_tighten_stage {
     CANOPY_TIGHTEN_START_MEND,  // by the certificate, and publishes it
     CANOPY_TIGHTEN_CHOOSE,      // the first rows in use, at the first iterate
     CANOPY_TIGHTEN_SLACKS,      // and their slacks
+    CANOPY_TIGHTEN_CLEAR,       // the matrix
     CANOPY_TIGHTEN_MEASURE,     // slacks of the present iterate, the matrix
     CANOPY_TIGHTEN_FACTOR,
     CANOPY_TIGHTEN_PREDICT,  // solves, each before its pass over the rows in use
@@ -133,7 +134,8 @@ enum canopy_tighten_stage {
     CANOPY_TIGHTEN_LOOK,     // at every constraint, where the step leads
     CANOPY_TIGHTEN_PUBLISH,  // raises the candidate
     CANOPY_TIGHTEN_MEND,     // by the certificate, and publishes it if it is better
-    CANOPY_TIGHTEN_BEND,     // the free coefficients
+    CANOPY_TIGHTEN_BEND_CLEAR,
+    CANOPY_TIGHTEN_BEND,  // the free coefficients
     CANOPY_TIGHTEN_BEND_FACTOR,
     CANOPY_TIGHTEN_BEND_SOLVE,
     CANOPY_TIGHTEN_DONE
@@ -215,9 +217,9 @@ enum canopy_status canopy_tighten_over(struct canopy_tighten *tighten, const int
 enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t *coefficients, bool safe);
 
 /// Does at most `budget` units of work. Each looks at some 300 constraints (at most 700 points of a knot cell, or the
-/// field cells of a quarter of one), or passes over 64 constraints in use, or factors 4 rows of the matrix, solves with
-/// it, or certifies a row of field cells. CANOPY_MORE, or CANOPY_OK when nothing is left to be gained. It can end after
-/// any call: what is published is safe.
+/// field cells of a quarter of one), or passes over 64 constraints in use, or does 4 rows of the matrix, 64 of a
+/// solution, or a row of field cells of the certificate, or looks once at every coefficient or at every row in use.
+/// CANOPY_MORE, or CANOPY_OK when nothing is left to be gained. It can end after any call: what is published is safe.
 enum canopy_status canopy_tighten_step(struct canopy_tighten *tighten, uint32_t budget);
 
 /// How far the published surface's mean gap is from the tightest possible at most, as a fraction of the latter: 0.02 is

@@ -49,17 +49,25 @@ void canopy_tighten_factor(float *matrix, uint32_t n, uint32_t from, uint32_t to
     }
 }
 
-void canopy_tighten_solve(const float *matrix, uint32_t n, uint32_t count, float *rhs) {
+// Row `at` of the first half, which goes down the factor, or of the second, which comes back up.
+void canopy_tighten_solve_rows(const float *matrix, uint32_t n, uint32_t count, float *rhs, uint32_t from,
+                               uint32_t to) {
     const uint32_t stride = (uint32_t)CANOPY_TIGHTEN_BAND(n), width = stride - 1;
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t at = from; at < to; at++) {
+        const bool down = at < count;
+        const uint32_t i = down ? at : 2 * count - 1 - at;
         const float *row = matrix + (size_t)i * stride;
         const uint32_t start = i > width ? i - width : 0;
-        rhs[i] = (rhs[i] - dot(row + (width - (i - start)), rhs + start, i - start)) * row[width];
+        const float *begin = row + (width - (i - start));
+        if (down) {
+            rhs[i] = (rhs[i] - dot(begin, rhs + start, i - start)) * row[width];
+        } else {
+            rhs[i] *= row[width];
+            subtract(rhs + start, begin, rhs[i], i - start);
+        }
     }
-    for (uint32_t i = count; i-- > 0;) {
-        const float *row = matrix + (size_t)i * stride;
-        const uint32_t start = i > width ? i - width : 0;
-        rhs[i] *= row[width];
-        subtract(rhs + start, row + (width - (i - start)), rhs[i], i - start);
-    }
+}
+
+void canopy_tighten_solve(const float *matrix, uint32_t n, uint32_t count, float *rhs) {
+    canopy_tighten_solve_rows(matrix, n, count, rhs, 0, 2 * count);
 }

@@ -30,14 +30,13 @@ static inline uint32_t clamped(uint32_t i, uint32_t by, uint32_t size) {  // i +
 
 void canopy_tighten_begin_bend(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
-    memset(t->matrix, 0, 4 * count * CANOPY_TIGHTEN_BAND(t->frame.size[1]));
     memset(t->step, 0, 4 * count);
     bool any = false;
     for (size_t j = 0; j < count; j++) {
         t->x[j] = canopy_tighten_height(t, t->b[j]);
         any = any || !t->seen[j];
     }
-    canopy_tighten_go(t, any ? CANOPY_TIGHTEN_BEND : CANOPY_TIGHTEN_DONE);
+    canopy_tighten_go(t, any ? CANOPY_TIGHTEN_BEND_CLEAR : CANOPY_TIGHTEN_DONE);
 }
 
 static void bend_at(struct canopy_tighten *t, uint32_t i) {
@@ -75,7 +74,6 @@ void canopy_tighten_bend_row(struct canopy_tighten *t) {
 
 void canopy_tighten_finish_bend(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
-    canopy_tighten_solve(t->matrix, t->frame.size[1], (uint32_t)count, t->step);
     for (size_t j = 0; j < count; j++) {
         if (!t->seen[j]) {
             const float x = smaller(larger(t->step[j], CANOPY_TIGHTEN_FLOOR), CANOPY_TIGHTEN_CEILING);

@@ -1,8 +1,12 @@
 // Beginning and stepping: the order of the stages.
 
+#include <string.h>
+
 #include "lib/cover/tighten_f32.h"
 
-#define FACTOR_ROWS 4  // of the matrix, in one unit of work
+#define CLEAR_ROWS 64  // of the matrix, in one unit of work
+#define FACTOR_ROWS 4
+#define SOLVE_ROWS 64  // of down and up together
 
 // ---- Init
 
@@ -79,12 +83,35 @@ enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t 
 
 // ---- The step
 
-static void factor_rows(struct canopy_tighten *t) {
-    const uint32_t n = t->frame.size[1], count = (uint32_t)canopy_tighten_coefficients(t), end = t->at + FACTOR_ROWS;
-    canopy_tighten_factor(t->matrix, n, t->at, end < count ? end : count);
-    t->at = end;
-    if (t->at >= count) {
-        t->stage = t->stage == CANOPY_TIGHTEN_FACTOR ? CANOPY_TIGHTEN_PREDICT : CANOPY_TIGHTEN_BEND_SOLVE;
+// The end of the next piece of a job of `count` rows, and on to `stage` behind the last.
+static uint32_t piece(struct canopy_tighten *t, uint32_t rows, uint32_t count, enum canopy_tighten_stage stage) {
+    const uint32_t end = t->at + rows < count ? t->at + rows : count;
+    if (end == count) {
+        canopy_tighten_go(t, stage);
+    } else {
+        t->at = end;
+    }
+    return end;
+}
+
+static void clear_rows(struct canopy_tighten *t, enum canopy_tighten_stage next) {
+    const size_t stride = CANOPY_TIGHTEN_BAND(t->frame.size[1]);
+    const uint32_t from = t->at, to = piece(t, CLEAR_ROWS, (uint32_t)canopy_tighten_coefficients(t), next);
+    memset(t->matrix + from * stride, 0, 4 * (to - from) * stride);
+}
+
+static void factor_rows(struct canopy_tighten *t, enum canopy_tighten_stage next) {
+    const uint32_t from = t->at, to = piece(t, FACTOR_ROWS, (uint32_t)canopy_tighten_coefficients(t), next);
+    canopy_tighten_factor(t->matrix, t->frame.size[1], from, to);
+}
+
+static void solve(struct canopy_tighten *t, float *rhs, void (*finish)(struct canopy_tighten *)) {
+    const uint32_t count = (uint32_t)canopy_tighten_coefficients(t), from = t->at;
+    const uint32_t to = from + SOLVE_ROWS < 2 * count ? from + SOLVE_ROWS : 2 * count;
+    canopy_tighten_solve_rows(t->matrix, t->frame.size[1], count, rhs, from, to);
+    t->at = to;
+    if (to == 2 * count) {
+        finish(t);
     }
 }
 
@@ -113,22 +140,24 @@ static void step_once(struct canopy_tighten *t) {
     case CANOPY_TIGHTEN_START_MEND: canopy_tighten_mend_start(t); break;
     case CANOPY_TIGHTEN_CHOOSE: choose(t); break;
     case CANOPY_TIGHTEN_SLACKS: pass(t, CANOPY_TIGHTEN_PASS_SLACKS, canopy_tighten_first_duals); break;
+    case CANOPY_TIGHTEN_CLEAR: clear_rows(t, CANOPY_TIGHTEN_MEASURE); break;
+    case CANOPY_TIGHTEN_BEND_CLEAR: clear_rows(t, CANOPY_TIGHTEN_BEND); break;
     case CANOPY_TIGHTEN_MEASURE: pass(t, CANOPY_TIGHTEN_PASS_MEASURE, canopy_tighten_finish_measure); break;
-    case CANOPY_TIGHTEN_BEND_FACTOR:
-    case CANOPY_TIGHTEN_FACTOR: factor_rows(t); break;
-    case CANOPY_TIGHTEN_PREDICT: canopy_tighten_predict(t); break;
+    case CANOPY_TIGHTEN_FACTOR: factor_rows(t, CANOPY_TIGHTEN_PREDICT); break;
+    case CANOPY_TIGHTEN_PREDICT: solve(t, t->affine, canopy_tighten_finish_predict); break;
     case CANOPY_TIGHTEN_AFFINE: pass(t, CANOPY_TIGHTEN_PASS_AFFINE, canopy_tighten_finish_affine); break;
-    case CANOPY_TIGHTEN_COMBINE: canopy_tighten_combine(t); break;
+    case CANOPY_TIGHTEN_COMBINE: solve(t, t->step, canopy_tighten_finish_combine); break;
     case CANOPY_TIGHTEN_STEP: pass(t, CANOPY_TIGHTEN_PASS_STEP, canopy_tighten_finish_step); break;
     case CANOPY_TIGHTEN_CENTRE: pass(t, CANOPY_TIGHTEN_PASS_CENTRE, canopy_tighten_finish_centre); break;
-    case CANOPY_TIGHTEN_RECENTRE: canopy_tighten_recentre(t); break;
+    case CANOPY_TIGHTEN_RECENTRE: solve(t, t->affine, canopy_tighten_finish_recentre); break;
     case CANOPY_TIGHTEN_TRY: pass(t, CANOPY_TIGHTEN_PASS_TRY, canopy_tighten_finish_try); break;
     case CANOPY_TIGHTEN_ACCEPT: pass(t, CANOPY_TIGHTEN_PASS_ACCEPT, canopy_tighten_finish_accept); break;
     case CANOPY_TIGHTEN_LOOK: look(t); break;
     case CANOPY_TIGHTEN_PUBLISH: canopy_tighten_raise_candidate(t); break;
     case CANOPY_TIGHTEN_MEND: canopy_tighten_mend_candidate(t); break;
     case CANOPY_TIGHTEN_BEND: canopy_tighten_bend_row(t); break;
-    case CANOPY_TIGHTEN_BEND_SOLVE: canopy_tighten_finish_bend(t); break;
+    case CANOPY_TIGHTEN_BEND_FACTOR: factor_rows(t, CANOPY_TIGHTEN_BEND_SOLVE); break;
+    case CANOPY_TIGHTEN_BEND_SOLVE: solve(t, t->step, canopy_tighten_finish_bend); break;
     default: break;
     }
 }

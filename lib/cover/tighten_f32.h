@@ -138,6 +138,8 @@ enum canopy_status canopy_tighten_look(struct canopy_tighten *t, enum canopy_tig
 
 void canopy_tighten_factor(float *matrix, uint32_t n, uint32_t from, uint32_t to);
 void canopy_tighten_solve(const float *matrix, uint32_t n, uint32_t count, float *rhs);
+void canopy_tighten_solve_rows(const float *matrix, uint32_t n, uint32_t count, float *rhs, uint32_t from,
+                               uint32_t to);  // of 2 count
 
 // ---- The iteration (tighten_iterate_f32.c): what follows each pass, and the vectors between
 
@@ -149,12 +151,12 @@ void canopy_tighten_go(struct canopy_tighten *t, enum canopy_tighten_stage stage
 void canopy_tighten_first_iterate(struct canopy_tighten *t);
 void canopy_tighten_first_duals(struct canopy_tighten *t);
 void canopy_tighten_finish_measure(struct canopy_tighten *t);
-void canopy_tighten_predict(struct canopy_tighten *t);
+void canopy_tighten_finish_predict(struct canopy_tighten *t);
 void canopy_tighten_finish_affine(struct canopy_tighten *t);
-void canopy_tighten_combine(struct canopy_tighten *t);
+void canopy_tighten_finish_combine(struct canopy_tighten *t);
 void canopy_tighten_finish_step(struct canopy_tighten *t);
 void canopy_tighten_finish_centre(struct canopy_tighten *t);
-void canopy_tighten_recentre(struct canopy_tighten *t);
+void canopy_tighten_finish_recentre(struct canopy_tighten *t);
 void canopy_tighten_finish_try(struct canopy_tighten *t);
 void canopy_tighten_finish_accept(struct canopy_tighten *t);
 void canopy_tighten_take_step(struct canopy_tighten *t);

@@ -39,7 +39,6 @@ void canopy_tighten_go(struct canopy_tighten *t, enum canopy_tighten_stage stage
     memset(t->sums, 0, sizeof t->sums);
     switch (stage) {
     case CANOPY_TIGHTEN_MEASURE:
-        memset(t->matrix, 0, bytes * CANOPY_TIGHTEN_BAND(t->frame.size[1]));
         t->comp = 0;
         // fall through
     case CANOPY_TIGHTEN_AFFINE:
@@ -99,7 +98,7 @@ void canopy_tighten_first_duals(struct canopy_tighten *t) {
         }
     }
     t->alpha[0] = t->alpha[1] = 0;
-    canopy_tighten_go(t, CANOPY_TIGHTEN_MEASURE);
+    canopy_tighten_go(t, CANOPY_TIGHTEN_CLEAR);
 }
 
 // A little more is done where the bound is not as near yet as it could be.
@@ -134,23 +133,15 @@ void canopy_tighten_finish_measure(struct canopy_tighten *t) {
         return;
     }
     t->mean = t->mu = t->comp / (float)constraints;
+    for (size_t j = 0; j < count; j++) {
+        t->affine[j] = t->seen[j] ? -t->cost[j] : 0.0f;
+    }
     canopy_tighten_go(t, CANOPY_TIGHTEN_FACTOR);
 }
 
 // ---- The predictor
 
-static void solve(struct canopy_tighten *t, float *rhs) {
-    canopy_tighten_solve(t->matrix, t->frame.size[1], (uint32_t)canopy_tighten_coefficients(t), rhs);
-}
-
-void canopy_tighten_predict(struct canopy_tighten *t) {
-    const size_t count = canopy_tighten_coefficients(t);
-    for (size_t j = 0; j < count; j++) {
-        t->affine[j] = t->seen[j] ? -t->cost[j] : 0.0f;
-    }
-    solve(t, t->affine);
-    canopy_tighten_go(t, CANOPY_TIGHTEN_AFFINE);
-}
+void canopy_tighten_finish_predict(struct canopy_tighten *t) { canopy_tighten_go(t, CANOPY_TIGHTEN_AFFINE); }
 
 void canopy_tighten_finish_affine(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
@@ -179,13 +170,10 @@ void canopy_tighten_finish_affine(struct canopy_tighten *t) {
         t->step[j] = t->seen[j] ? rhs : 0.0f;
     }
     t->corrections = 0;
-    t->stage = CANOPY_TIGHTEN_COMBINE;
+    canopy_tighten_go(t, CANOPY_TIGHTEN_COMBINE);
 }
 
-void canopy_tighten_combine(struct canopy_tighten *t) {
-    solve(t, t->step);
-    canopy_tighten_go(t, CANOPY_TIGHTEN_STEP);
-}
+void canopy_tighten_finish_combine(struct canopy_tighten *t) { canopy_tighten_go(t, CANOPY_TIGHTEN_STEP); }
 
 // ---- The step, and what centres it
 
@@ -260,13 +248,10 @@ void canopy_tighten_finish_centre(struct canopy_tighten *t) {
             t->affine[j] += sign_of(k) * t->target[k][j] / slack_of(t, k, j);
         }
     }
-    t->stage = CANOPY_TIGHTEN_RECENTRE;
+    canopy_tighten_go(t, CANOPY_TIGHTEN_RECENTRE);
 }
 
-void canopy_tighten_recentre(struct canopy_tighten *t) {
-    solve(t, t->affine);
-    canopy_tighten_go(t, CANOPY_TIGHTEN_TRY);
-}
+void canopy_tighten_finish_recentre(struct canopy_tighten *t) { canopy_tighten_go(t, CANOPY_TIGHTEN_TRY); }
 
 // A correction is taken if it lengthens the steps by a tenth of what it aimed at.
 void canopy_tighten_finish_try(struct canopy_tighten *t) {

@@ -30,8 +30,8 @@ static void pass_slacks(struct canopy_tighten_rows *restrict c, const float *res
     }
 }
 
-// A row that has no dual yet gets that of the centre; and room, where there is none: a bound that is lower than it might
-// be proves no less.
+// A row that has no dual yet gets that of the centre; and room, where there is none: what is proved with a lower bound
+// is proved.
 static void pass_measure(const struct canopy_tighten *restrict t, struct canopy_tighten_rows *restrict c,
                          const float *restrict value, struct results *restrict to) {
     const float alpha = t->alpha[1], mu = t->mu;

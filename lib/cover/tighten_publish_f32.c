@@ -109,7 +109,7 @@ static void finish_candidate(struct canopy_tighten *t, float gap) {
         memcpy(t->b, t->candidate, 4 * canopy_tighten_coefficients(t));
         publish(t, gap);
     }
-    canopy_tighten_go(t, CANOPY_TIGHTEN_MEASURE);
+    canopy_tighten_go(t, CANOPY_TIGHTEN_CLEAR);
 }
 
 void canopy_tighten_raise_candidate(struct canopy_tighten *t) {

@@ -55,6 +55,8 @@ static enum canopy_plc_query_status ask_height(void *context, const struct canop
 static void rest(struct canopy_station *station) {
     station->stage = CANOPY_STATION_RESTING;
     station->candidate = NULL;
+    station->handed = false;
+    station->kept = false;
 }
 
 static void forget(struct canopy_station *station) {
@@ -66,6 +68,8 @@ static void forget(struct canopy_station *station) {
     station->beyond = false;
     station->have_reading = false;
     station->coverage_pct = 0;
+    station->spare_stage = CANOPY_STATION_SPARE_NOTHING;
+    station->tightened = false;
     clear_bits(station, station->risen_cells);
     rest(station);
 }
@@ -449,15 +453,51 @@ static void fail(struct canopy_station *station) {
     rest(station);
 }
 
-static void begin_fit(struct canopy_station *station) {
+static void begin_certificate(struct canopy_station *station) {
+    clear_bits(station, station->late_cells);
+    station->late_count = 0;
+    station->late_at = 0;
+    canopy_certify_begin(&station->certify, station->candidate);
+    station->stage = CANOPY_STATION_CERTIFYING;
+}
+
+static void begin_fast(struct canopy_station *station) {
     struct canopy_envelope *next = canopy_plc_begin(&station->plc);
+    station->kept = false;
+    station->tightened = false;
     station->fit_us = station->now_us;
     if (canopy_fast_begin(&station->fast, next->coefficients) != CANOPY_OK) {
-        return;  // an empty field: nothing to fit
+        rest(station);  // an empty field: nothing to fit
+        return;
     }
     station->candidate = next->coefficients;
     station->risen = false;
     station->stage = CANOPY_STATION_FITTING;
+}
+
+// What is published, in the library's orientation.
+static void copy_published(const struct canopy_station *station, int32_t *to) {
+    const struct canopy_envelope *last = canopy_plc_published(&station->plc);
+    memcpy(to, last->coefficients, 4U * last->frame.size[0] * last->frame.size[1]);
+    canopy_fast_orient(&last->frame, to);
+}
+
+// What is tight is kept if it still holds, as it is.
+static void begin_keep(struct canopy_station *station) {
+    station->candidate = canopy_plc_begin(&station->plc)->coefficients;
+    copy_published(station, station->candidate);
+    station->fit_us = station->now_us;
+    station->risen = false;
+    station->kept = true;
+    begin_certificate(station);
+}
+
+static void begin_fit(struct canopy_station *station) {
+    if (station->tightened && !station->intrusion && canopy_plc_published(&station->plc) != NULL) {
+        begin_keep(station);
+    } else {
+        begin_fast(station);
+    }
 }
 
 // Publishes the candidate, whose every covered cell is certified at this moment.
@@ -478,6 +518,9 @@ static void publish(struct canopy_station *station) {
     station->published_points = station->points;
     station->publish_us = station->now_us;
     station->intrusion = station->beyond;
+    station->tightened = station->handed || station->kept;
+    station->spare_stage =
+        station->spare == NULL || station->handed ? CANOPY_STATION_SPARE_NOTHING : CANOPY_STATION_SPARE_WAITING;
     clear_bits(station, station->risen_cells);
     rest(station);
 }
@@ -516,15 +559,15 @@ static void fit(struct canopy_station *station) {
         }
         return;
     }
-    clear_bits(station, station->late_cells);
-    station->late_count = 0;
-    station->late_at = 0;
-    canopy_certify_begin(&station->certify, station->candidate);
-    station->stage = CANOPY_STATION_CERTIFYING;
+    begin_certificate(station);
 }
 
-// Raises the candidate under the cell that failed.
+// Raises the candidate under the cell that failed; what was to be kept as it is is fitted anew.
 static void mend(struct canopy_station *station) {
+    if (station->kept) {
+        begin_fast(station);
+        return;
+    }
     if (canopy_fast_raise(&station->field, station->candidate, station->certify.failed_cell,
                           station->certify.missing) != CANOPY_OK) {
         fail(station);
@@ -565,17 +608,55 @@ static void settle(struct canopy_station *station) {
     }
 }
 
+// ---- Spare time
+
+static void hand_over(struct canopy_station *station) {
+    struct canopy_envelope *next = canopy_plc_begin(&station->plc);
+    station->spare_stage = CANOPY_STATION_SPARE_NOTHING;
+    if (station->spare->spare_take(station->spare, next->coefficients)) {
+        station->candidate = next->coefficients;
+        station->handed = true;
+        begin_certificate(station);
+    }
+}
+
+static void spend(struct canopy_station *station) {
+    struct canopy_station_spare *spare = station->spare;
+    if (station->spare_stage == CANOPY_STATION_SPARE_WAITING) {
+        int32_t *work = canopy_plc_begin(&station->plc)->coefficients;
+        copy_published(station, work);
+        station->spare_stage = spare->spare_begin(spare, &station->field, &station->certify, work)
+                                   ? CANOPY_STATION_SPARE_WORK
+                                   : CANOPY_STATION_SPARE_NOTHING;
+    } else if (spare->spare_step(spare) != CANOPY_MORE) {
+        hand_over(station);
+    }
+}
+
+bool canopy_station_is_working(const struct canopy_station *station) {
+    switch (station->stage) {
+    case CANOPY_STATION_WAITING: return false;
+    case CANOPY_STATION_RESTING:
+        return station->spare_stage != CANOPY_STATION_SPARE_NOTHING && !station->risen &&
+               canopy_plc_published(&station->plc) != NULL;
+    default: return true;
+    }
+}
+
 void canopy_station_step(struct canopy_station *station, uint32_t budget, uint64_t now_us) {
+    const uint32_t sequence = canopy_plc_sequence(&station->plc);
     station->now_us = now_us;
     if (station->stage == CANOPY_STATION_RESTING) {
         decide(station);
     }
-    for (; budget > 0; budget--) {
+    // no more than one envelope a cycle
+    for (; budget > 0 && canopy_plc_sequence(&station->plc) == sequence && canopy_station_is_working(station);
+         budget--) {
         switch (station->stage) {
         case CANOPY_STATION_FITTING: fit(station); break;
         case CANOPY_STATION_CERTIFYING: certify(station); break;
         case CANOPY_STATION_SETTLING: settle(station); break;
-        default: budget = 1; break;  // waiting or resting: nothing more in this cycle
+        default: spend(station); break;
         }
     }
     station->heartbeat++;

@@ -14,6 +14,9 @@
 ///     clear and the intrusion bit set before that call returns, until a publication covers it. A reading so far beyond
 ///     the frame that no envelope can cover it keeps both so until the scene is begun anew. Readings beside the frame
 ///     are counted as rejected and say nothing.
+///   - With a `spare`, what a fit gave is made tighter while the field does not rise, and published under a new
+///     sequence once the station itself has certified it. When the field rises then, it is first certified for that as
+///     it is; only if it does not hold, or there is an intrusion, the field is fitted anew.
 ///   - Readings that raise nothing are under the published envelope already: after `refresh_us` it is published again,
 ///     unchanged, with its new `points`.
 ///   - A withdrawal by command stands until there is something new to publish: a fit under way, a cell that rises, a
@@ -69,7 +72,26 @@ enum canopy_station_stage {
 #define CANOPY_STATION_MARKS(m, n, cells)                                                                              \
     CANOPY_ARENA_ROUND(((size_t)(cells) * (cells) * ((size_t)(m)-1U) * ((size_t)(n)-1U) + 7U) / 8U)
 
-/// All members are the station's own, but `port`, `scan` and `sensor_faults`.
+/// What a station may do when nothing else is to be done: make what is published tighter (lib/station/tightening.h is
+/// one). One call is one bounded piece of work. It ends, and begins again with the next fit, when the field rises.
+struct canopy_station_spare {
+    /// Begins with coefficients that are certified and published, m x n in the library's orientation, which it copies.
+    /// It may use `certify`, of the station's field, until it begins again. False: it cannot.
+    bool (*spare_begin)(struct canopy_station_spare *spare, const struct canopy_field *field,
+                        struct canopy_certify *certify, const int32_t *published);
+    /// CANOPY_MORE, or anything else when it has ended.
+    enum canopy_status (*spare_step)(struct canopy_station_spare *spare);
+    /// Gives coefficients that are better than those it began with; false: there are none. The station certifies them.
+    bool (*spare_take)(struct canopy_station_spare *spare, int32_t *coefficients);
+};
+
+enum canopy_station_spare_stage {
+    CANOPY_STATION_SPARE_NOTHING,
+    CANOPY_STATION_SPARE_WAITING,
+    CANOPY_STATION_SPARE_WORK
+};
+
+/// All members are the station's own, but `port`, `scan`, `sensor_faults` and `spare`.
 struct canopy_station {
     struct canopy_station_config config;
     struct canopy_plc plc;
@@ -91,11 +113,16 @@ struct canopy_station {
     uint16_t heartbeat;
     uint16_t coverage_pct;
     bool have_reading;
-    bool risen;      // the field rose since the last fit began
-    bool intrusion;  // a reading lies beyond the published envelope …
-    bool beyond;     // … and beyond what any envelope of this frame can cover
+    bool risen;           // the field rose since the last fit began
+    bool intrusion;       // a reading lies beyond the published envelope …
+    bool beyond;          // … and beyond what any envelope of this frame can cover
+    uint8_t spare_stage;  // enum canopy_station_spare_stage
+    bool handed;          // the candidate is what `spare` gave …
+    bool kept;            // … or what is published, to be certified for a field that rose
+    bool tightened;       // what is published came from `spare`
     uint32_t accepted, rejected, intrusions, fits_failed;
 
+    struct canopy_station_spare *spare;          ///< set before the first scene, or NULL
     struct canopy_station_port port;             ///< set by the port, any time
     const struct canopy_profile_counters *scan;  ///< the scanner driver's, or NULL
     uint32_t scan_errors;                        ///< set with it
@@ -134,8 +161,12 @@ enum canopy_status canopy_station_reading(struct canopy_station *station, const 
 bool canopy_station_profile(struct canopy_station *station, struct canopy_profile_driver *driver, uint16_t *column,
                             uint16_t most, uint64_t now_us);
 
-/// One cycle: at most `budget` units of work, each an iteration of a line, a row of cells, or a risen cell.
+/// One cycle: at most `budget` units of work, each an iteration of a line, a row of cells, or a risen cell; with
+/// nothing of that to be done, a piece of the work of `spare`.
 void canopy_station_step(struct canopy_station *station, uint32_t budget, uint64_t now_us);
+
+/// Whether the next cycle has work to do beside what readings and time bring.
+bool canopy_station_is_working(const struct canopy_station *station);
 
 /// The registers, for Modbus servers.
 struct canopy_modbus_bank canopy_station_bank(struct canopy_station *station);
