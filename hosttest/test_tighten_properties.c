@@ -25,15 +25,15 @@
 
 enum { POINTS_MAX = 120, GRID_MAX = 9, CELLS_MAX = 5 };
 
-// Where tightening starts: from the fast method's surface, certified, or from coefficients that have nothing to do with
-// the points.
-enum start { FAST, FLAT, WILD, STARTS };
+// Where tightening starts: from the fast method's surface, certified; from coefficients that have nothing to do with the
+// points; or from what came of tightening with the first half of them.
+enum start { FAST, FLAT, WILD, LAST, STARTS };
 
 struct scene {
     uint64_t seed, random;
     uint32_t kind;
     enum start start;
-    bool from_field;
+    bool from_field, packed;
     enum canopy_scalar scalar;
     struct canopy_grid grid;
     size_t count;
@@ -116,6 +116,7 @@ static struct scene make_scene(uint64_t seed) {
     s.kind = canopy_random_below(&s.random, KINDS);
     s.start = (enum start)canopy_random_below(&s.random, STARTS);
     s.from_field = canopy_random_chance(&s.random, 0.4);
+    s.packed = canopy_random_chance(&s.random, 0.3);
     s.count = 1 + canopy_random_below(&s.random, canopy_random_chance(&s.random, 0.2) ? 4 : POINTS_MAX);
     for (size_t i = 0; i < s.count; i++) {
         double p[3];
@@ -167,12 +168,13 @@ static size_t coefficients_of(const struct subject *x) {
     return CANOPY_COEFFICIENTS(x->frame.size[0], x->frame.size[1]);
 }
 
-static void fill_field(const struct scene *s, struct subject *x) {
+static void fill_field(const struct scene *s, struct subject *x, size_t count) {
     const uint16_t cells[2] = {x->frame.cells, x->frame.cells};
-    assert_int_equal(canopy_field_init(&x->field, &x->frame, cells, field_arena, sizeof field_arena), CANOPY_OK);
-    const size_t refused = s->scalar == CANOPY_F32
-                               ? canopy_field_feed_f32(&x->field, (const float(*)[3])s->f32, s->count)
-                               : canopy_field_feed_fx(&x->field, (const int32_t(*)[3])s->fx, s->count);
+    assert_int_equal((s->packed ? canopy_field_init_packed : canopy_field_init)(&x->field, &x->frame, cells,
+                                                                                field_arena, sizeof field_arena),
+                     CANOPY_OK);
+    const size_t refused = s->scalar == CANOPY_F32 ? canopy_field_feed_f32(&x->field, (const float(*)[3])s->f32, count)
+                                                   : canopy_field_feed_fx(&x->field, (const int32_t(*)[3])s->fx, count);
     assert_int_equal(refused, 0);
     assert_int_equal(canopy_certify_init(&x->certify, &x->field, certify_arena, sizeof certify_arena), CANOPY_OK);
 }
@@ -188,9 +190,22 @@ static void start_fast(struct subject *x) {
     }
 }
 
+// Takes the first points, or their field, and begins from what stands in x->b.
+static void begin_with(const struct scene *s, struct subject *x, size_t count) {
+    if (s->from_field) {
+        fill_field(s, x, count);
+    }
+    assert_int_equal(s->from_field ? canopy_tighten_field(&x->tighten, &x->field, &x->certify)
+                     : s->scalar == CANOPY_F32
+                         ? canopy_tighten_points_f32(&x->tighten, (const float(*)[3])s->f32, count)
+                         : canopy_tighten_points_fx(&x->tighten, (const int32_t(*)[3])s->fx, count),
+                     CANOPY_OK);
+    assert_int_equal(canopy_tighten_begin(&x->tighten, x->b, s->start == FAST), CANOPY_OK);
+}
+
 static void begin(struct scene *s, struct subject *x) {
     make_frame(s, &x->frame);
-    fill_field(s, x);
+    fill_field(s, x, s->count);
     const int32_t range = s->start == WILD ? 1 << 24 : 0;
     for (size_t j = 0; j < coefficients_of(x); j++) {
         x->b[j] = range > 0 ? (int32_t)((uniform(s) - 0.5) * range) : -(1 << 23);
@@ -205,12 +220,11 @@ static void begin(struct scene *s, struct subject *x) {
                                              .rows = least + canopy_random_below(&s->random, most - least + 1)};
     assert_int_equal(canopy_tighten_init(&x->tighten, &x->frame, &size, tighten_arena, sizeof tighten_arena),
                      CANOPY_OK);
-    assert_int_equal(s->from_field ? canopy_tighten_field(&x->tighten, &x->field, &x->certify)
-                     : s->scalar == CANOPY_F32
-                         ? canopy_tighten_points_f32(&x->tighten, (const float(*)[3])s->f32, s->count)
-                         : canopy_tighten_points_fx(&x->tighten, (const int32_t(*)[3])s->fx, s->count),
-                     CANOPY_OK);
-    assert_int_equal(canopy_tighten_begin(&x->tighten, x->b, s->start == FAST), CANOPY_OK);
+    if (s->start == LAST && s->count > 1) {
+        begin_with(s, x, s->count / 2);
+        while (canopy_tighten_step(&x->tighten, 100) == CANOPY_MORE) {}
+    }
+    begin_with(s, x, s->count);
 }
 
 // ---- The referees
