@@ -226,17 +226,18 @@ static void visit_pits(struct visit *v) {
     }
     for (uint32_t p = 0; p < PITS; p++) {
         float row[4], under[4] = {0};
-        lattice_row((const float(*)[4])v->patch.c, wu[p], row);
-        lattice_row((const float(*)[4])other.c, wu[p], under);
+        lattice_row((const float(*)[4])v->patch.c, t->lattice[0][p], row);
+        lattice_row((const float(*)[4])other.c, t->lattice[0][p], under);
         for (uint32_t q = 0; q < PITS; q++) {
             const float bound = pit_bound(half, p, q);
-            const float over = t->other != NULL ? along(under, wv[q]) + CANOPY_TIGHTEN_ERROR : CANOPY_TIGHTEN_NONE;
-            const float z = larger(bound, over), slack = along(row, wv[q]) - z;
+            const float over =
+                t->other != NULL ? along(under, t->lattice[1][q]) + CANOPY_TIGHTEN_ERROR : CANOPY_TIGHTEN_NONE;
+            const float z = larger(bound, over), slack = along(row, t->lattice[1][q]) - z;
             v->least = smaller(slack, v->least);
             if (slack < v->limit && z > CANOPY_TIGHTEN_NONE) {
                 const struct canopy_tighten_nearest found = {slack, canopy_tighten_place(p), canopy_tighten_place(q),
                                                              z};
-                const float before = value_at((const float(*)[4])v->from, wu[p], wv[q]);
+                const float before = value_at((const float(*)[4])v->from, t->lattice[0][p], t->lattice[1][q]);
                 consider(v, p * t->grain / PITS, q * t->grain / PITS, &found, before);
             }
         }
