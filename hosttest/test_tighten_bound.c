@@ -1,5 +1,5 @@
-// What tightening says of itself, judged in rational arithmetic: whenever the bound rises, the dual numbers it stands on
-// are read and the bound of the same program is computed from them without any rounding. Points and fields, both
+// What tightening says of itself, judged in rational arithmetic: whenever the bound rises, the dual numbers it stands
+// on are read and the bound of the same program is computed from them without any rounding. Points and fields, both
 // scalars, both sides, with and without another surface to stay above.
 //
 // CANOPY_CLOUDS sets how many clouds; a failure prints the seed, CANOPY_SEED=n runs that one alone.

@@ -25,8 +25,8 @@
 
 enum { POINTS_MAX = 120, GRID_MAX = 9, CELLS_MAX = 5 };
 
-// Where tightening starts: from the fast method's surface, certified; from coefficients that have nothing to do with the
-// points; or from what came of tightening with the first half of them.
+// Where tightening starts: from the fast method's surface, certified; from coefficients that have nothing to do with
+// the points; or from what came of tightening with the first half of them.
 enum start { FAST, FLAT, WILD, LAST, STARTS };
 
 struct scene {

@@ -213,7 +213,6 @@ static void read_whole(const struct canopy_tighten *t, const int32_t *b, struct 
 
 static void visit_pits(struct visit *v) {
     const struct canopy_tighten *t = v->t;
-    float(*const wu)[4] = t->lattice[0], (*const wv)[4] = t->lattice[1];
     float half[4];
     struct canopy_tighten_patch other = v->patch;
     if (t->field != NULL) {
