@@ -112,12 +112,18 @@ $(eval $(call program,$(HOST)/canopyd,$(CANOPYD)))
 # How tight is tight, against the optimum: canopy-tightness ORACLE.json NAME=POINTS...
 $(eval $(call program,$(HOST)/canopy-tightness,$(sort $(wildcard tools/tightness/*.c))))
 
-# What `make bench` runs: the command's own fit against the floor, and the peer that is written in C++
+# What `make bench` runs: the command's own fit against the floor, tight against an oracle, and the peers that are written
+# in C++
 $(eval $(call program,$(HOST)/canopy-bench,$(sort $(wildcard tools/bench/*.c))))
 $(HOST)/canopy-bench-alglib: tools/bench/alglib.cpp | setup-bench
 	@mkdir -p $(@D)
 	$(if $(V),,@echo "g++ $<")
 	$(Q)g++ -std=c++17 -O2 -Wall -Wextra -Wconversion -Wshadow -Werror $< -lalglib -o $@
+# Of headers alone: half a minute
+$(HOST)/canopy-bench-alphawrap: tools/bench/alphawrap.cpp | setup-bench
+	@mkdir -p $(@D)
+	$(if $(V),,@echo "g++ $<")
+	$(Q)g++ -std=c++17 -O2 -DNDEBUG -Wall -Wextra $< -lgmp -lmpfr -o $@
 
 .PHONY: tools
 tools: $(PROGRAMS) $(HOST)/libcanopy.a $(REGISTERS)  ## the host programs: canopy, canopyd, canopy-scanner, canopy-plc
@@ -218,7 +224,7 @@ endif
 .PHONY: demo bench
 demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
-bench: $(HOST)/canopy-bench $(HOST)/canopy-bench-alglib $(if $(FW),$(FW)/cycles.elf $(FW)/belt.elf $(FW_STATIONS)) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
+bench: $(HOST)/canopy-bench $(HOST)/canopy-tightness $(HOST)/canopy-bench-alglib $(HOST)/canopy-bench-alphawrap $(if $(FW),$(patsubst %,$(FW)/%.elf,cycles belt sandwich ray query) $(FW_STATIONS)) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
 	@BUILD=$(BUILD) $(PYTHON) tools/bench/bench.py $(BENCH)
 
 # ---------------------------------------------------------------------------------------------------------------------

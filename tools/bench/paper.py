@@ -5,6 +5,7 @@ matrix is singular, is raised by its largest violation.
 """
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 SOLVES = 60
 TOLERANCE = 1e-9  # of the height range
@@ -82,8 +83,24 @@ def line(t, y, n):
     return best[1] + max(best[0], 0), solves, False
 
 
-def surface(scene, swap):
-    """(coefficients, mean solves a line, most, lines that did not end). Lines along v, then columns along u; or swapped."""
+def uniform(heights):
+    """Heuristic(sigma, b): solves until the signs repeat, above the polyline through heights at the integers; 0: a cycle."""
+    n, signs, seen = len(heights), bends(heights) < 0, set()
+    while signs.tobytes() not in seen:
+        seen.add(signs.tobytes())
+        weight, bands = signs / 6, np.zeros((3, n))
+        bands[0, 1:], bands[1], bands[2, :-1] = weight[:-1], 1 - 2 * weight, weight[1:]
+        bands[1, [0, -1]] += weight[[0, -1]]
+        found = bends(solve_banded((1, 1), bands, heights)) < 0
+        if (found == signs).all():
+            return len(seen)
+        signs = found
+    return 0
+
+
+def surface(scene, swap, counted=None):
+    """(coefficients, mean solves a line, most, lines that did not end). Lines along v, then columns along u; or swapped.
+    counted: a list of the solves of each line along v that ended (0: it did not), appended to."""
     n, u, v = scene.grid, scene.u, scene.v
     if swap:
         u, v = v, u
@@ -95,6 +112,8 @@ def surface(scene, swap):
             g[i], solves, ended = line(v[near], scene.z[near], n)
             counts.append(solves)
             unsettled += not ended
+            if counted is not None:
+                counted.append(solves if ended else 0)
             for h in np.unique(np.minimum(np.floor(v[near]).astype(int), n - 2)):
                 held[i, max(h - 1, 0):h + 3] = True
     b = np.zeros((n, n))

@@ -1,7 +1,7 @@
-"""What else could be used, each on the same points: FITPACK, ALGLIB, a linear program, the paper read literally, stairs.
+"""What else could be used, each on the same points: FITPACK, ALGLIB, CGAL, a linear program, the paper read literally, stairs.
 
-Each function returns rows {"name", "best_ms", "median_ms", ...}; the side is above. A fit that is not safe by itself is
-lifted by its largest violation, found in double, and then judged in exact arithmetic.
+Each function returns rows {"name", "best_ms", "median_ms", ...}; a scene of the side below comes mirrored. A fit that is
+not safe by itself is lifted by its largest violation, found in double, and then judged in exact arithmetic.
 """
 
 import statistics
@@ -15,7 +15,7 @@ from scipy.interpolate import LSQBivariateSpline
 from scipy.optimize import linprog
 
 import paper
-from surfaces import Cells, Knots, Stairs, Uniform, cells_of, count_wrong
+from surfaces import DOUBT, Cells, Knots, Stairs, Uniform, cells_of, count_wrong
 
 
 def times(seconds):
@@ -67,6 +67,47 @@ def alglib(scene, program, scratch, repeats):
     if abs(mine - error) > 1e-9:
         raise RuntimeError(f"ALGLIB's spline was misread: root mean square error {mine}, it says {error}")
     return judge("ALGLIB least squares, lifted", scene, surface, seconds)
+
+
+# ---- CGAL's alpha wrapping
+
+def tops(triangles, x, y, across=256):
+    """The highest point of any of the triangles (count, 3, 3) above each (x, y); -infinity where there is none."""
+    low, high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
+    scale = across / np.maximum(high - low, 1e-300)
+
+    def cell(a, t):
+        return np.clip(((t - low[a]) * scale[a]).astype(int), 0, across - 1)
+    index = cell(0, x) * across + cell(1, y)
+    order = np.argsort(index, kind="stable")
+    x, y, start = x[order], y[order], np.searchsorted(index[order], np.arange(across * across + 1))
+    top = np.full(len(x), -np.inf)
+    boxes = [[cell(a, triangles[:, :, a].min(1)), cell(a, triangles[:, :, a].max(1))] for a in (0, 1)]
+    for (a, b, c), i0, i1, j0, j1 in zip(triangles, *boxes[0], *boxes[1]):
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        rows = [slice(start[i * across + j0], start[i * across + j1 + 1]) for i in range(i0, i1 + 1)] if area else []
+        for at in rows:
+            s = ((x[at] - a[0]) * (c[1] - a[1]) - (y[at] - a[1]) * (c[0] - a[0])) / area
+            t = ((b[0] - a[0]) * (y[at] - a[1]) - (b[1] - a[1]) * (x[at] - a[0])) / area
+            height = a[2] + s * (b[2] - a[2]) + t * (c[2] - a[2])
+            inside = (s >= -1e-12) & (t >= -1e-12) & (s + t <= 1 + 1e-12)
+            top[at] = np.where(inside, np.maximum(top[at], height), top[at])
+    result = np.empty_like(top)
+    result[order] = top
+    return result
+
+
+def alphawrap(scene, program, scratch, part):
+    """`program` is canopy-bench-alphawrap. Its mesh encloses the points; judged is what a viewer along the fitting
+    direction sees of it, its highest point above each of them, in double: the offset is far more than that rounds."""
+    points, mesh = scratch / "alphawrap-points", scratch / "alphawrap-triangles"
+    place = scene.points.astype(float)
+    place.tofile(points)
+    done = subprocess.run([program, points, str(part), mesh], check=True, stdout=subprocess.PIPE, text=True)
+    triangles = np.fromfile(mesh).reshape(-1, 3, 3)
+    gap = (tops(triangles, place[:, 0], place[:, 1]) - place[:, 2]) / (place[:, 2].max() - place[:, 2].min())
+    return {"name": f"CGAL alpha wrap, alpha = diagonal / {part}, {len(triangles):,} triangles", **times([float(done.stdout)]),
+            "mean_gap_pct": 100 * float(gap.mean()), "max_gap_pct": 100 * float(gap.max()), "wrong": int((gap <= DOUBT).sum())}
 
 
 # ---- The optimum: min mean gap; above every point; no pits; coefficients within one height range of the data's
@@ -133,10 +174,17 @@ def literal(scene, swap):
     return judge(name, scene, Uniform(b), seconds, solves=solves, most_solves=most, unsettled=open_lines)
 
 
-def stairs(scene, floor_us):
+def both_ways(scene):
+    """The paper's symmetrised construction: the mean of the two, which is above what both are above."""
+    start = time.process_time()
+    b = sum(paper.surface(scene, swap)[0] for swap in (False, True)) / 2
+    return judge("the paper's, u and v exchanged and averaged (Python)", scene, Uniform(b), [time.process_time() - start])
+
+
+def stairs(scene, floor_us, cells):
     """Takes what the floor takes: it is the same pass."""
-    surface = Stairs(scene)
+    surface = Stairs(scene, cells)
     gap = surface.heights(scene.u, scene.v) - scene.z
-    return {"name": f"stairs, highest point of {scene.grid - 1} x {scene.grid - 1} cells (not smooth)", "best_ms": floor_us / 1e3,
+    return {"name": f"stairs, highest point of {cells} x {cells} cells (not smooth)", "best_ms": floor_us / 1e3,
             "median_ms": floor_us / 1e3, "repeats": 0, "mean_gap_pct": 100 * float(gap.mean()),
             "max_gap_pct": 100 * float(gap.max()), "wrong": int((gap < 0).sum())}

@@ -13,24 +13,29 @@ TERRAIN = ["/usr/share/matplotlib/mpl-data/sample_data/jacksboro_fault_dem.npz",
 
 
 class Scene:
-    """Points, and the same normalised: u, v over the bounding box in [0, n-1], z in [0, 1]; grids are n x n."""
+    """Points, and the same normalised: u, v over the bounding box in [0, n-1], z in [0, 1]; grids are n x n. For the side
+    below z is mirrored: what is above everything is wanted of everyone."""
 
-    def __init__(self, name, points, grid=20):
-        self.name, self.grid = name, grid
+    def __init__(self, name, points, grid=20, side="above"):
+        self.name, self.grid, self.side = name, grid, side
         self.points = np.ascontiguousarray(points, dtype=np.float32)
         self.box = self.points.min(0).astype(float), self.points.max(0).astype(float)
         low, high = self.box
         span = np.where(high > low, high - low, 1.0)
         scaled = (self.points.astype(float) - low) / span
         self.u, self.v = (np.ascontiguousarray(scaled[:, a] * (grid - 1)) for a in (0, 1))
-        self.z = np.ascontiguousarray(scaled[:, 2])
+        self.z = np.ascontiguousarray(scaled[:, 2] if side == "above" else 1 - scaled[:, 2])
 
     def exact(self, index):
         """(u, v, z) of one point, normalised without a rounding."""
         low, high = ([Fraction(float(x)) for x in corner] for corner in self.box)
         at = [Fraction(float(x)) for x in self.points[index]]
         scaled = [(a - l) / (h - l) if h > l else Fraction(0) for a, l, h in zip(at, low, high)]
-        return scaled[0] * (self.grid - 1), scaled[1] * (self.grid - 1), scaled[2]
+        height = scaled[2] if self.side == "above" else 1 - scaled[2]
+        return scaled[0] * (self.grid - 1), scaled[1] * (self.grid - 1), height
+
+    def below(self):
+        return Scene(self.name, self.points, self.grid, "below")
 
     def write(self, path):
         """As a binary PLY, which holds a float32 as it is."""
@@ -50,6 +55,16 @@ def spheres(count, seed=1):
     ray *= 1 + 0.01 * random.standard_normal((count, 1))
     second = random.random(count) < 0.5
     return ray + np.outer(second, [1.6, 0.9, 0.7])
+
+
+def moving(count, seed):
+    """Two spherical clouds somewhere beside each other, as tools/bench/moving.h draws them, from another stream."""
+    random = np.random.Generator(np.random.PCG64(seed))
+    points = random.standard_normal((count, 3))
+    points *= (1 + 0.01 * random.standard_normal((count, 1))) / np.linalg.norm(points, axis=1)[:, None]
+    second = np.arange(count) >= int(count * random.uniform(0.3, 0.7))
+    radius, centre = random.uniform(0.6, 1.4, 2), random.uniform(-2, 2, 3)
+    return points * np.where(second, radius[1], radius[0])[:, None] + np.outer(second, centre)
 
 
 def terrain():

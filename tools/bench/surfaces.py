@@ -117,15 +117,18 @@ class Cells:
 
 
 class Stairs:
-    """The highest point of every knot cell: not smooth, and what any smooth surface has to be measured against."""
+    """The highest point of each of so many cells: not smooth, and what any smooth surface has to be measured against."""
 
-    def __init__(self, scene):
-        self.n = scene.grid
-        self.top = np.full((self.n - 1, self.n - 1), -np.inf)
-        np.maximum.at(self.top, (cells_of(scene.u, self.n)[0], cells_of(scene.v, self.n)[0]), scene.z)
+    def __init__(self, scene, cells):
+        self.scale, self.cells = cells / (scene.grid - 1), cells
+        self.top = np.full((cells, cells), -np.inf)
+        np.maximum.at(self.top, self.cell(scene.u, scene.v), scene.z)
+
+    def cell(self, u, v):
+        return tuple(cells_of(self.scale * t, self.cells + 1)[0] for t in (u, v))
 
     def heights(self, u, v):
-        return self.top[cells_of(u, self.n)[0], cells_of(v, self.n)[0]]
+        return self.top[self.cell(u, v)]
 
 
 def count_wrong(surface, scene):
