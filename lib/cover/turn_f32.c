@@ -19,8 +19,10 @@ static float turn_difference(const float axis[3][3], const float d[3], float q[3
 }
 
 static void load_axes(const int32_t axes[3][3], float to[3][3]) {
-    for (int i = 0; i < 9; i++) {
-        to[i / 3][i % 3] = (float)axes[i / 3][i % 3] * (1.0f / CANOPY_AXIS_ONE);
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) {
+            to[i][k] = (float)axes[i][k] * (1.0f / CANOPY_AXIS_ONE);
+        }
     }
 }
 
