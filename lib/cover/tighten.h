@@ -177,6 +177,7 @@ struct canopy_tighten {
     float height_mean;                       // of the points, or of the covered cells
     uint32_t deepest, crowded;               // most blocks of points, and most rows in use, of a knot cell
     float mu, mean, comp, sums[3], most[2];  // complementarity; what a pass adds up; largest -by/slack and -by/dual
+    float reach;                             // of a candidate's coefficients, and what they may be raised by
     float least;                             // least slack that a look found
     float alpha[2], aim[2];                  // step lengths, primal and dual; those that a corrector aims at
     uint8_t corrections;                     // centrality correctors of this iteration so far

@@ -4,31 +4,35 @@
 
 #define PIVOT_LEAST 3e-7f  // of its own diagonal: below that rounding has eaten it
 
-// Sums in lanes, so that it does not depend on the machine's vectors.
-static float dot(const float *restrict a, const float *restrict b, uint32_t count) {
-    float lanes[LANES] = {0};
-    uint32_t k = 0;
-    for (; k + LANES <= count; k += LANES) {
-        for (uint32_t l = 0; l < LANES; l++) {
-            lanes[l] += a[k + l] * b[k + l];
-        }
+// Sums in lanes, so that it does not depend on the machine's vectors. Each lane a variable of its own, and the pointers
+// advance: compilers then keep all of it in registers.
+static float dot(const float *restrict a, const float *restrict b, size_t count) {
+    float s0 = 0, s1 = 0, s2 = 0, s3 = 0, s4 = 0, s5 = 0, s6 = 0, s7 = 0;
+    for (; count >= LANES; count -= LANES, a += LANES, b += LANES) {
+        s0 += a[0] * b[0];
+        s1 += a[1] * b[1];
+        s2 += a[2] * b[2];
+        s3 += a[3] * b[3];
+        s4 += a[4] * b[4];
+        s5 += a[5] * b[5];
+        s6 += a[6] * b[6];
+        s7 += a[7] * b[7];
     }
-    float sum = ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5])) + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]));
-    for (; k < count; k++) {
-        sum += a[k] * b[k];
+    float sum = ((s0 + s4) + (s1 + s5)) + ((s2 + s6) + (s3 + s7));
+    for (; count > 0; count--) {
+        sum += *a++ * *b++;
     }
     return sum;
 }
 
-static void subtract(float *restrict to, const float *restrict row, float factor, uint32_t count) {
-    uint32_t k = 0;
-    for (; k + LANES <= count; k += LANES) {
-        for (uint32_t l = 0; l < LANES; l++) {
-            to[k + l] -= factor * row[k + l];
+static void subtract(float *restrict to, const float *restrict row, float factor, size_t count) {
+    for (; count >= LANES; count -= LANES, to += LANES, row += LANES) {
+        for (int l = 0; l < LANES; l++) {
+            to[l] -= factor * row[l];
         }
     }
-    for (; k < count; k++) {
-        to[k] -= factor * row[k];
+    for (; count > 0; count--) {
+        *to++ -= factor * *row++;
     }
 }
 

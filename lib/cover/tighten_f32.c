@@ -76,7 +76,7 @@ enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t 
     if (safe) {
         canopy_tighten_publish_start(t);
     } else {
-        canopy_tighten_go(t, CANOPY_TIGHTEN_START);
+        canopy_tighten_begin_start(t);
     }
     return CANOPY_OK;
 }

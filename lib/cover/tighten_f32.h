@@ -164,6 +164,7 @@ void canopy_tighten_take_step(struct canopy_tighten *t);
 // ---- What is published (tighten_publish_f32.c)
 
 void canopy_tighten_publish_start(struct canopy_tighten *t);
+void canopy_tighten_begin_start(struct canopy_tighten *t);
 void canopy_tighten_raise_start(struct canopy_tighten *t);
 void canopy_tighten_mend_start(struct canopy_tighten *t);
 void canopy_tighten_round(struct canopy_tighten *t);

@@ -58,6 +58,11 @@ static enum canopy_status mend(struct canopy_tighten *t, int32_t *b) {
 
 // ---- The start
 
+void canopy_tighten_begin_start(struct canopy_tighten *t) {
+    t->reach = reach_of(t, t->b, START_SPARE);
+    canopy_tighten_go(t, CANOPY_TIGHTEN_START);
+}
+
 void canopy_tighten_publish_start(struct canopy_tighten *t) {
     publish(t, gap_of(t, t->b));
     canopy_tighten_first_iterate(t);
@@ -73,8 +78,7 @@ static void finish_raise(struct canopy_tighten *t) {
 }
 
 void canopy_tighten_raise_start(struct canopy_tighten *t) {
-    const enum canopy_status status =
-        canopy_tighten_look(t, CANOPY_TIGHTEN_LOOK_RAISE, t->b, reach_of(t, t->b, START_SPARE));
+    const enum canopy_status status = canopy_tighten_look(t, CANOPY_TIGHTEN_LOOK_RAISE, t->b, t->reach);
     if (status == CANOPY_RANGE) {
         fill_lid(t);
     }
@@ -102,6 +106,7 @@ void canopy_tighten_round(struct canopy_tighten *t) {
     for (size_t j = 0; j < count; j++) {
         t->candidate[j] = t->seen[j] ? low + (int32_t)floorf(t->x[j] * t->range) : t->b[j];
     }
+    t->reach = reach_of(t, t->candidate, SPARE);
 }
 
 static void finish_candidate(struct canopy_tighten *t, float gap) {
@@ -113,8 +118,7 @@ static void finish_candidate(struct canopy_tighten *t, float gap) {
 }
 
 void canopy_tighten_raise_candidate(struct canopy_tighten *t) {
-    const enum canopy_status status =
-        canopy_tighten_look(t, CANOPY_TIGHTEN_LOOK_RAISE, t->candidate, reach_of(t, t->candidate, SPARE));
+    const enum canopy_status status = canopy_tighten_look(t, CANOPY_TIGHTEN_LOOK_RAISE, t->candidate, t->reach);
     if (status == CANOPY_MORE) {
         return;
     }
