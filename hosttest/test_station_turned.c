@@ -69,7 +69,7 @@ static double uniform(struct life *l) { return canopy_random_unit(&l->random); }
 // The margin of a place in device units, exactly signed; +inf outside the published frame.
 static double margin_of(const struct life *l, const int32_t point[3], int64_t z) {
     const double place[3] = {point[0], point[1], (double)z};
-    double floor = INFINITY;
+    double floor = (double)INFINITY;
     if (canopy_rational_inside(l->referee, place, NULL)) {
         const int sign = canopy_rational_margin(l->referee, place, &floor);
         floor = sign < 0 ? fmin(floor, -1e-300) : fmax(floor, 0);
@@ -79,7 +79,7 @@ static double margin_of(const struct life *l, const int32_t point[3], int64_t z)
 
 // The least margin of a reading: at the ends of its uncertainty and between.
 static double least_margin(const struct life *l, const struct reading *r) {
-    double least = INFINITY;
+    double least = (double)INFINITY;
     for (int64_t part = -4; part <= 4; part++) {
         const int64_t z = r->point[2] + (int64_t)r->uncertainty * part / 4;
         least = fmin(least, margin_of(l, r->point, z));
