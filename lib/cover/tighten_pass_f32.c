@@ -117,7 +117,7 @@ static void pass_lanes(const struct canopy_tighten *t, enum canopy_tighten_pass 
     case CANOPY_TIGHTEN_PASS_MEASURE: pass_measure(t, c, value, to); break;
     case CANOPY_TIGHTEN_PASS_AFFINE: pass_affine(c, value, to); break;
     case CANOPY_TIGHTEN_PASS_STEP: pass_step(t->mu, c, value, to); break;
-    case CANOPY_TIGHTEN_PASS_CENTRE: pass_centre(t, c, to); break;
+    case CANOPY_TIGHTEN_PASS_CENTRE: break;
     case CANOPY_TIGHTEN_PASS_TRY: pass_try(t, c, value, false, to); break;
     case CANOPY_TIGHTEN_PASS_ACCEPT: pass_try(t, c, value, true, to); break;
     }
@@ -249,15 +249,31 @@ static void find_weights(const struct canopy_tighten *t, const struct canopy_tig
     }
 }
 
+static bool is_nothing(const float *r) {
+    float most = 0;
+    for (int l = 0; l < LANES; l++) {
+        most = larger(most, fabsf(r[l]));
+    }
+    return !(most > 0.0f);
+}
+
 static void pass_block(struct canopy_tighten *t, enum canopy_tighten_pass pass, struct canopy_tighten_rows *rows,
                        struct reading *from, struct sums *sums, struct results *to) {
     struct weights w;
-    float value[LANES];
-    find_weights(t, rows, &w);
-    for (int l = 0; l < LANES; l++) {
-        value[l] = value_at(t, from, rows->cell[l], w.u[l], w.v[l]);
+    float value[LANES] = {0};
+    if (pass == CANOPY_TIGHTEN_PASS_CENTRE) {  // knows no surface; most rows are as near to the centre as they should
+        pass_centre(t, rows, to);
+        if (is_nothing(to->r[0])) {
+            return;
+        }
+        find_weights(t, rows, &w);
+    } else {
+        find_weights(t, rows, &w);
+        for (int l = 0; l < LANES; l++) {
+            value[l] = value_at(t, from, rows->cell[l], w.u[l], w.v[l]);
+        }
+        pass_lanes(t, pass, rows, value, to);
     }
-    pass_lanes(t, pass, rows, value, to);
     for (int l = 0; sums->wanted > 0 && l < LANES; l++) {
         if (rows->cell[l] != sums->cell) {
             turn_to(t, sums, rows->cell[l]);
