@@ -6,7 +6,8 @@
 
 #include "tools/canopy/command.h"
 #include "tools/canopy/operands.h"
-#include "tools/canopy/stream.h"
+#include "tools/common/progress.h"
+#include "tools/common/supply.h"
 
 static const char DOC[] =
     "Is every point on the safe side of the surrogate?\v"
@@ -17,16 +18,6 @@ static const char DOC[] =
     "mean and largest gap in per cent of the points' height range.\n\n"
     "Whether two surrogates cross, `canopy sandwich --check` decides.\n\n"
     "Exit status: 0 if every point is on the safe side, 1 if not (a point outside the frame is not), 2 for bad input.";
-
-struct work {
-    struct canopy_exact *exact;
-    struct canopy_exact_result result;
-};
-
-static void take(void *context, const struct canopy_cloud *cloud) {
-    struct work *work = context;
-    canopy_exact_add(work->exact, cloud, &work->result);
-}
 
 static void print_verdict(const struct canopy_exact_result *r, const struct canopy_points_info *info, double unit) {
     printf("%s: %" PRIu64 " point%s%s, %" PRIu64 " on the wrong side, %" PRIu64 " outside the frame",
@@ -52,21 +43,17 @@ int canopy_command_check(int argc, char **argv) {
     if (!canopy_surrogate_read(operands.surrogate, &surrogate, &fault)) {
         return canopy_command_fail(&fault);
     }
-    struct work work = {.exact = canopy_exact_open(&surrogate), .result = canopy_exact_begin()};
+    struct canopy_exact_result result;
     struct canopy_points_info info;
-    bool ok = false;
-    if (!work.exact) {
-        canopy_fault_set(&fault, "%s: out of memory: close other programs", operands.surrogate);
-    } else {
-        ok = canopy_stream_points(operands.points, &surrogate, (struct canopy_stream_sink){&work, take}, &info, &fault);
-    }
+    const bool ok =
+        canopy_supply_check_file(operands.points, &surrogate, canopy_flow_threads(), &result, &info, &fault);
+    canopy_progress_end();
     if (ok) {
-        print_verdict(&work.result, &info, surrogate.unit);
+        print_verdict(&result, &info, surrogate.unit);
     }
-    canopy_exact_close(work.exact);
     canopy_surrogate_free(&surrogate);
     if (!ok) {
         return canopy_command_fail(&fault);
     }
-    return canopy_exact_is_safe(&work.result) ? CANOPY_EXIT_OK : CANOPY_EXIT_UNSAFE;
+    return canopy_exact_is_safe(&result) ? CANOPY_EXIT_OK : CANOPY_EXIT_UNSAFE;
 }

@@ -82,17 +82,14 @@ static bool read_refining(const struct arguments *a, struct canopy_refining *ref
 }
 
 /// Sets what no covered cell can see, and judges what is written now as what was there before.
-static bool fill(enum canopy_filling rule, const struct canopy_device_list *points, struct canopy_surrogate *surrogate,
+static bool fill(enum canopy_filling rule, const struct canopy_supply *points, struct canopy_surrogate *surrogate,
                  struct canopy_surface_report *report, struct canopy_fault *fault) {
     if (rule == CANOPY_FILLING_OWN) {
         return true;
     }
-    const struct canopy_cloud cloud = canopy_device_list_cloud(points);
-    if (!canopy_filling_apply(surrogate, rule, fault)) {
+    if (!canopy_filling_apply(surrogate, rule, fault) ||
+        !canopy_supply_check(points, surrogate, NULL, &report->result, fault)) {
         return false;
-    }
-    if (!canopy_exact_check(surrogate, &cloud, &report->result)) {
-        return canopy_fault_no_memory(fault);
     }
     surrogate->margin = report->result.margin;
     return canopy_exact_is_safe(&report->result) ||
@@ -110,18 +107,18 @@ static bool run(const struct arguments *a, struct canopy_surrogate *frame, struc
     wish.side = a->side;
     struct canopy_surrogate surrogate;
     struct canopy_surface_report report;
-    bool ok = canopy_surface_fit(&loaded.list, &wish, &surrogate, &report, fault);
+    bool ok = canopy_surface_fit_supply(&loaded.supply, &wish, &surrogate, &report, fault);
     if (!ok) {
         canopy_fault_prefix(fault, "%s", a->wish.points);
     } else {
-        ok = fill(a->filling, &loaded.list, &surrogate, &report, fault);
+        ok = fill(a->filling, &loaded.supply, &surrogate, &report, fault);
         ok = ok && (!a->output || canopy_surrogate_write(a->output, &surrogate, fault));
         if (ok) {
             canopy_wish_report(&wish, &loaded, &report, a->output);
         }
         canopy_surrogate_free(&surrogate);
     }
-    canopy_device_list_free(&loaded.list);
+    canopy_supply_free(&loaded.supply);
     return ok;
 }
 

@@ -7,6 +7,7 @@
 
 #include "lib/version.h"
 #include "tools/canopy/command.h"
+#include "tools/common/progress.h"
 
 static const struct {
     const char *name;
@@ -40,6 +41,7 @@ static void print_help(FILE *to) {
 }
 
 int canopy_command_fail(const struct canopy_fault *fault) {
+    canopy_progress_end();
     fflush(stdout);
     fprintf(stderr, "canopy: %s\n", fault->text);
     return CANOPY_EXIT_INPUT;

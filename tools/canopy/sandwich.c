@@ -137,12 +137,12 @@ static bool make_names(const char *output, struct names *names, struct canopy_fa
     return true;
 }
 
-static bool fit_and_write(const struct arguments *a, struct canopy_surface_wish *wish,
-                          const struct canopy_loaded *loaded, const struct names *names, struct canopy_fault *fault) {
+static bool fit_and_write(const struct arguments *a, struct canopy_surface_wish *wish, struct canopy_loaded *loaded,
+                          const struct names *names, struct canopy_fault *fault) {
     struct canopy_surrogate surrogates[2];
     struct canopy_surface_report reports[2];
     struct canopy_crossing crossing;
-    if (!canopy_surface_fit_both(&loaded->list, wish, surrogates, reports, &crossing, fault)) {
+    if (!canopy_surface_fit_both_supply(&loaded->supply, wish, surrogates, reports, &crossing, fault)) {
         return canopy_fault_prefix(fault, "%s", a->wish.points);
     }
     const char *const paths[2] = {names->text[0], names->text[1]};
@@ -175,7 +175,7 @@ static bool run(const struct arguments *a, struct canopy_surrogate *frame, struc
         return false;
     }
     const bool ok = fit_and_write(a, &wish, &loaded, names, fault);
-    canopy_device_list_free(&loaded.list);
+    canopy_supply_free(&loaded.supply);
     return ok;
 }
 

@@ -5,14 +5,18 @@
 #include <stdio.h>
 #include <string.h>
 
+#include <unistd.h>
+
+#include "tools/common/flow.h"
 #include "tools/common/number.h"
 #include "tools/common/option.h"
+#include "tools/common/progress.h"
 #include "tools/common/turn.h"
 
 // ---------------------------------------------------------------------------------------------------------------------
 // The command line
 
-enum { METHOD = 0x200, SCALAR, UNIT, DIR, PLANE, FIELD, PACKED, FRAME };
+enum { METHOD = 0x200, SCALAR, UNIT, DIR, PLANE, FIELD, PACKED, FRAME, MEMORY, THREADS };
 
 static const struct argp_option OPTIONS[] = {
     {"grid", 'g', "MxN", 0, "coefficients along the frame's first and second axis, 4x4 to 1024x1024 (required)", 0},
@@ -40,6 +44,12 @@ static const struct argp_option OPTIONS[] = {
      "rounded up to a 2048th of the range or less at the top of each knot cell, and coarser below",
      0},
     {"frame", FRAME, "FILE", 0, "use the frame (and unit) of this surrogate; a point outside it is bad input", 0},
+    {"memory", MEMORY, "MB", 0,
+     "hold the points in memory only if they take no more than this (12 bytes a point), else read the file again for "
+     "each pass, with the same result; default: a quarter of the machine's; 0: never hold them. What looks at points "
+     "one by one, tight and --refine without --field, is then done from a field, and says so",
+     0},
+    {"threads", THREADS, "N", 0, "threads that read and prove, 1 to 64; default: as many as processors, up to 16", 0},
     {0}};
 
 int canopy_wish_word(struct argp_state *state, const char *option, const char *text, const char *zero,
@@ -60,6 +70,8 @@ static error_t parse(int key, char *text, struct argp_state *state) {
     case FIELD: a->field = text; return 0;
     case PACKED: a->packed = true; return 0;
     case FRAME: a->frame = text; return 0;
+    case MEMORY: a->memory = text; return 0;
+    case THREADS: a->threads = text; return 0;
     case SCALAR: a->scalar = canopy_wish_word(state, "scalar", text, "f32", "fx"); return 0;
     case METHOD: a->tight = canopy_wish_word(state, "method", text, "fast", "tight") == 1; return 0;
     case ARGP_KEY_ARG:
@@ -163,12 +175,43 @@ bool canopy_wish_read(const struct canopy_wish *a, struct canopy_surrogate *fram
            (!a->plane || read_plane(a->plane, wish, fault)) && (!a->frame || read_frame(a, frame, wish, fault));
 }
 
+#define HELD_PART 4  // of the machine's memory that points may take unless told
+
+static bool read_memory(const char *text, uint64_t *most, struct canopy_fault *fault) {
+    uint64_t megabytes = 0;
+    *most = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGE_SIZE) / HELD_PART;
+    if (text && !canopy_option_whole("memory", text, 0, UINT64_C(1) << 40, &megabytes, fault)) {
+        return false;
+    }
+    *most = !text ? *most : megabytes > 0 ? megabytes << 20 : 1;
+    return true;
+}
+
+/// The finest field of 64 MB or less, for points that are too many to be looked at one by one.
+static uint16_t field_for(const uint16_t size[2]) {
+    uint16_t cells = 16;
+    while (cells > 1 && CANOPY_FIELD_ARENA(size[0], size[1], cells, cells) > (64U << 20)) {
+        cells /= 2;
+    }
+    return cells;
+}
+
 bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wish *wish, struct canopy_loaded *loaded,
                       struct canopy_fault *fault) {
-    const struct canopy_load_wish load = {.scalar = wish->scalar, .unit = wish->unit, .frame = wish->frame};
-    const bool ok = canopy_load(words->points, &load, loaded, fault);
-    wish->unit = ok ? loaded->unit : wish->unit;
-    return ok;
+    struct canopy_load_wish load = {
+        .scalar = wish->scalar, .unit = wish->unit, .frame = wish->frame, .threads = canopy_flow_threads()};
+    if (!read_memory(words->memory, &load.most, fault) ||
+        (words->threads &&
+         !canopy_option_whole32("threads", words->threads, 1, CANOPY_THREADS_MAX, &load.threads, fault)) ||
+        !canopy_load(words->points, &load, loaded, fault)) {
+        return false;
+    }
+    wish->unit = loaded->unit;
+    if (!canopy_supply_is_held(&loaded->supply) && wish->fitting.field == 0 &&
+        (wish->fitting.tight || wish->refining.count > 0)) {
+        wish->fitting.field = field_for(wish->size);
+    }
+    return true;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -191,6 +234,7 @@ void canopy_wish_report(const struct canopy_surface_wish *wish, const struct can
                  r->windows > 0 ? "without windows " : "", 100.0 * r->fitting.excess,
                  r->fitting.paired ? " beside the other" : "");
     }
+    canopy_progress_end();
     printf(
         "%" PRIu64
         " point%s%s, %ux%u%s %s, %s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 _Static_assert(sizeof(union canopy_device_point) == 12, "points are packed triples");
 
@@ -29,18 +30,26 @@ bool canopy_device_point(enum canopy_scalar scalar, double unit, const double po
     return true;
 }
 
-bool canopy_device_list_add(struct canopy_device_list *list, const union canopy_device_point *point) {
-    if (list->count == list->room) {
-        const size_t room = list->room ? list->room * 2 : 65536;
-        union canopy_device_point *points = realloc(list->points, room * sizeof *points);
-        if (!points) {
+bool canopy_device_list_append(struct canopy_device_list *list, const union canopy_device_point *points, size_t count) {
+    if (count > list->room - list->count) {
+        size_t room = list->room ? list->room : 65536;
+        while (count > room - list->count) {
+            room *= 2;
+        }
+        union canopy_device_point *larger = realloc(list->points, room * sizeof *larger);
+        if (!larger) {
             return false;
         }
-        list->points = points;
+        list->points = larger;
         list->room = room;
     }
-    list->points[list->count++] = *point;
+    memcpy(list->points + list->count, points, count * sizeof *points);
+    list->count += count;
     return true;
+}
+
+bool canopy_device_list_add(struct canopy_device_list *list, const union canopy_device_point *point) {
+    return canopy_device_list_append(list, point, 1);
 }
 
 void canopy_device_list_free(struct canopy_device_list *list) {

@@ -32,6 +32,8 @@ struct canopy_device_list {
 
 /// Appends; false if there is no memory. Begin with a zeroed struct and `scalar` set.
 bool canopy_device_list_add(struct canopy_device_list *list, const union canopy_device_point *point);
+/// Appends `count` points.
+bool canopy_device_list_append(struct canopy_device_list *list, const union canopy_device_point *points, size_t count);
 void canopy_device_list_free(struct canopy_device_list *list);
 
 /// The list as a cloud.

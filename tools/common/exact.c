@@ -15,6 +15,24 @@ struct canopy_exact_result canopy_exact_begin(void) {
                                         .height_max = -HUGE_VAL};
 }
 
+static uint64_t first_of(uint64_t have, uint64_t before, uint64_t index) {
+    return have != UINT64_MAX || index == UINT64_MAX ? have : before + index;
+}
+
+void canopy_exact_merge(struct canopy_exact_result *result, const struct canopy_exact_result *part) {
+    result->first_wrong = first_of(result->first_wrong, result->points, part->first_wrong);
+    result->first_outside = first_of(result->first_outside, result->points, part->first_outside);
+    result->points += part->points;
+    result->wrong += part->wrong;
+    result->outside += part->outside;
+    result->decided_by_gmp += part->decided_by_gmp;
+    result->margin = fmin(result->margin, part->margin);
+    result->gap_sum += part->gap_sum;
+    result->gap_max = fmax(result->gap_max, part->gap_max);
+    result->height_min = fmin(result->height_min, part->height_min);
+    result->height_max = fmax(result->height_max, part->height_max);
+}
+
 // ---------------------------------------------------------------------------------------------------------------------
 // The verdict on a block
 

@@ -53,6 +53,9 @@ void canopy_exact_add(struct canopy_exact *exact, const struct canopy_cloud *clo
 /// A result without points.
 struct canopy_exact_result canopy_exact_begin(void);
 
+/// Adds what is known of points that follow: `part` has counted from its own first one.
+void canopy_exact_merge(struct canopy_exact_result *result, const struct canopy_exact_result *part);
+
 void canopy_exact_close(struct canopy_exact *exact);
 
 /// All in one: false only if there is no memory.

@@ -15,6 +15,30 @@ static enum canopy_status make(struct canopy_fielding *fielding, const struct ca
                   : canopy_field_init(&fielding->field, frame, cells, fielding->arena, bytes);
 }
 
+/// The union's two members share their representation with the arrays that the library takes.
+static void feed(struct canopy_field *field, enum canopy_scalar scalar, const union canopy_device_point *points,
+                 size_t count) {
+    if (scalar == CANOPY_F32) {
+        canopy_field_feed_f32(field, (const float(*)[3]) & points[0].f32, count);
+    } else {
+        canopy_field_feed_fx(field, (const int32_t(*)[3]) & points[0].fx, count);
+    }
+}
+
+struct feeding {
+    struct canopy_field *field;
+    enum canopy_scalar scalar;
+};
+
+/// In the order of the file, by one thread: it takes 3 ns a point, a tenth or less of what reading it does, and a
+/// packed field depends on the order.
+static bool feed_batch(void *context, struct canopy_batch *batch, struct canopy_fault *fault) {
+    const struct feeding *feeding = context;
+    (void)fault;
+    feed(feeding->field, feeding->scalar, batch->points, batch->count);
+    return true;
+}
+
 bool canopy_fielding_open(struct canopy_fielding *fielding, const struct canopy_turned *turned,
                           const struct canopy_frame *frame, const uint16_t cells[2], bool packed,
                           struct canopy_fault *fault) {
@@ -25,12 +49,16 @@ bool canopy_fielding_open(struct canopy_fielding *fielding, const struct canopy_
                       : canopy_fault_set(fault, "the frame has no room for this many cells: choose a smaller --unit or "
                                                 "--field");
     }
-    // The union's two members share their representation with the arrays that the library takes.
-    if (turned->scalar == CANOPY_F32) {
-        canopy_field_feed_f32(&fielding->field, (const float(*)[3]) & turned->points[0].f32, turned->count);
-    } else {
-        canopy_field_feed_fx(&fielding->field, (const int32_t(*)[3]) & turned->points[0].fx, turned->count);
+    if (!turned->points) {
+        struct feeding feeding = {&fielding->field, turned->scalar};
+        const struct canopy_flow flow = {.stage = "reading into the field", .context = &feeding, .gather = feed_batch};
+        if (!canopy_turned_pass(turned, &flow, fault)) {
+            canopy_fielding_close(fielding);
+            return false;
+        }
+        return true;
     }
+    feed(&fielding->field, turned->scalar, turned->points, turned->count);
     return true;
 }
 

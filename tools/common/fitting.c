@@ -9,9 +9,11 @@
 #include "lib/cover/free.h"
 #include "lib/cover/sandwich.h"
 #include "tools/common/fielding.h"
+#include "tools/common/progress.h"
 #include "tools/common/stopwatch.h"
 #include "tools/common/tightening.h"
 
+#define STEPS 64  // of a line, or rows of cells, between looks at the progress: some milliseconds at most
 #define FIELD_BYTES_MOST (64U << 20)  // of a field that a fit from points chooses itself
 
 /// How finely a fit looks: field cells a knot interval and lines a knot interval of u.
@@ -43,10 +45,14 @@ static bool certify_field(const struct canopy_field *field, int32_t *coefficient
     enum canopy_status status = arena ? canopy_certify_init(&certify, field, arena, bytes) : CANOPY_ARENA_SHORT;
     if (status == CANOPY_OK) {
         canopy_certify_begin(&certify, coefficients);
-        while ((status = canopy_certify_step(&certify, UINT32_MAX)) == CANOPY_NOT_SAFE) {
-            status = canopy_fast_raise(field, coefficients, certify.failed_cell, certify.missing);
-            if (status != CANOPY_OK) {
-                break;
+        const double rows = (double)field->axis[0].count;
+        while ((status = canopy_certify_step(&certify, STEPS)) == CANOPY_NOT_SAFE || status == CANOPY_MORE) {
+            canopy_progress("proving cells", (double)certify.row / rows, 0);
+            if (status == CANOPY_NOT_SAFE) {
+                status = canopy_fast_raise(field, coefficients, certify.failed_cell, certify.missing);
+                if (status != CANOPY_OK) {
+                    break;
+                }
             }
         }
     }
@@ -61,7 +67,12 @@ static bool solve(bool from_field, const struct canopy_field *field, struct cano
     if (canopy_fast_begin(fast, coefficients) != CANOPY_OK) {
         return canopy_fault_set(fault, "no point reaches the field: choose another --frame");
     }
-    while (canopy_fast_step(fast, UINT32_MAX) == CANOPY_MORE) {}
+    const uint16_t *size = field->frame.size;
+    while (canopy_fast_step(fast, STEPS) == CANOPY_MORE) {
+        const bool lines = fast->stage == CANOPY_FAST_LINES;
+        const double all = lines ? (double)CANOPY_LINE_NODES(size[0], fast->lines) : (double)size[1];
+        canopy_progress(lines ? "fitting lines" : "fitting columns", (double)fast->index / all, 0);
+    }
     report->iterations = fast->solves;
     report->unsettled = fast->unsettled;
     bool ok = true;
@@ -93,7 +104,7 @@ static struct canopy_frame exchange(const struct canopy_frame *frame) {
 }
 
 static union canopy_device_point *exchange_points(const struct canopy_turned *turned) {
-    union canopy_device_point *points = malloc(turned->count * sizeof *points);
+    union canopy_device_point *points = turned->points ? malloc(turned->count * sizeof *points) : NULL;
     for (size_t p = 0; points && p < turned->count; p++) {
         points[p] = turned->points[p];
         points[p].fx[0] = turned->points[p].fx[1];  // the bits of either scalar
@@ -112,8 +123,9 @@ static bool tighten_across(const struct canopy_turned *turned, const struct cano
     struct canopy_turned exchanged = *turned;
     union canopy_device_point *points = exchange_points(turned);
     int32_t *sides[2] = {malloc(count * sizeof **sides), malloc(count * sizeof **sides)};
-    bool ok = points && sides[0] && sides[1];
+    bool ok = (points || !turned->points) && sides[0] && sides[1];
     exchanged.points = points;
+    exchanged.exchanged = true;
     if (!ok) {
         canopy_fault_no_memory(fault);
     } else {

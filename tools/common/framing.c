@@ -234,6 +234,12 @@ static bool measure(const struct canopy_surrogate *like, const struct canopy_dev
     return true;
 }
 
+bool canopy_framing_is_exact(const struct canopy_surrogate *like, const struct canopy_turned *turned,
+                             const struct canopy_grid *grid) {
+    struct canopy_frame unused;
+    return take_exactly(like, turned, grid, &unused);
+}
+
 bool canopy_framing_like(const struct canopy_surrogate *like, const struct canopy_device_list *points,
                          const struct canopy_grid *grid, struct canopy_turned *turned, struct canopy_frame *frame,
                          struct canopy_fault *fault) {

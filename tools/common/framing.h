@@ -22,6 +22,10 @@ bool canopy_framing_like(const struct canopy_surrogate *like, const struct canop
                          const struct canopy_grid *grid, struct canopy_turned *turned, struct canopy_frame *frame,
                          struct canopy_fault *fault);
 
+/// Whether it is one of the library's as it is; else canopy_framing_like needs the points in memory.
+bool canopy_framing_is_exact(const struct canopy_surrogate *like, const struct canopy_turned *turned,
+                             const struct canopy_grid *grid);
+
 /// The published frame of one's own: origin turned back and put on the quantum, axes, pitch.
 void canopy_framing_publish(const struct canopy_frame *frame, const struct canopy_turned *turned,
                             struct canopy_surrogate *surrogate);

@@ -11,13 +11,10 @@
 #include "tools/common/ply.h"
 #include "tools/common/source.h"
 
-typedef bool format_reader(struct canopy_source *, struct canopy_points_sink, struct canopy_points_info *,
-                           struct canopy_fault *);
-
 static const struct {
     const char *ending;
     const char *start;
-    format_reader *read;
+    canopy_points_reader *read;
 } FORMATS[] = {{".ply", "ply\n", canopy_ply_read},  {".ply", "ply\r", canopy_ply_read},
                {".pcd", "# .PCD", canopy_pcd_read}, {".pcd", "VERSION", canopy_pcd_read},
                {".las", "LASF", canopy_las_read},   {".laz", "LASF", canopy_las_read}};
@@ -93,61 +90,113 @@ static bool read_columns(const char *p, double point[3], struct canopy_fault *fa
     return true;
 }
 
+/// One line, NUL-terminated at `end`.
+static bool parse_line(const char *line, const char *end, uint64_t number, struct canopy_points_sink sink,
+                       struct canopy_fault *fault) {
+    double point[3];
+    if (end - line > CANOPY_LINE_LIMIT) {
+        return canopy_fault_set(fault, "line longer than %d bytes: this is not a text file of points",
+                                CANOPY_LINE_LIMIT);
+    }
+    if (memchr(line, 0, (size_t)(end - line))) {
+        return canopy_fault_set(fault, "a zero byte: this is not a text file of points (binary files are named .ply, "
+                                       ".pcd or .las)");
+    }
+    const char *p = skip_blanks(line);
+    return at_end(p) || (read_columns(p, point, fault) && sink.take(sink.context, point, number, fault));
+}
+
+bool canopy_points_parse(char *text, size_t size, bool first, struct canopy_points_sink sink, uint64_t *lines,
+                         struct canopy_fault *fault) {
+    char *const stop = text + size;
+    *lines = 0;
+    if (first && size >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) {
+        text += 3;  // a byte order mark, as spreadsheets write it
+    }
+    while (text < stop) {
+        char *end = memchr(text, '\n', (size_t)(stop - text));
+        end = end ? end : stop;
+        *end = '\0';
+        ++*lines;
+        if (!parse_line(text, end, *lines, sink, fault)) {
+            return false;
+        }
+        text = end + 1;
+    }
+    return true;
+}
+
+struct counted {
+    struct canopy_points_sink sink;
+    uint64_t before;  ///< lines of the file before the text
+    uint64_t count;
+};
+
+static bool take_counted(void *context, const double point[3], uint64_t where, struct canopy_fault *fault) {
+    struct counted *counted = context;
+    counted->count++;
+    return counted->sink.take(counted->sink.context, point, counted->before + where, fault);
+}
+
 static bool read_text(struct canopy_source *source, struct canopy_points_sink sink, struct canopy_points_info *info,
                       struct canopy_fault *fault) {
-    char *line = NULL;
-    enum canopy_source_state state = canopy_source_line(source, &line, fault);
-    if (state == CANOPY_SOURCE_OK && strncmp(line, "\xef\xbb\xbf", 3) == 0) {
-        line += 3;  // a byte order mark, as spreadsheets write it
-    }
-    for (; state == CANOPY_SOURCE_OK; state = canopy_source_line(source, &line, fault)) {
-        const char *p = skip_blanks(line);
-        if (at_end(p)) {
-            continue;
+    struct counted counted = {.sink = sink};
+    char *text = NULL;
+    size_t size = 0;
+    enum canopy_source_state state;
+    while ((state = canopy_source_lines(source, &text, &size, fault)) == CANOPY_SOURCE_OK) {
+        uint64_t lines = 0;
+        const bool first = source->offset == size;
+        const bool ok =
+            canopy_points_parse(text, size, first, (struct canopy_points_sink){&counted, take_counted}, &lines, fault);
+        counted.before += lines;
+        if (!ok) {
+            return canopy_points_place(fault, source->name, true, counted.before);
         }
-        double point[3];
-        if (!read_columns(p, point, fault) || !sink.take(sink.context, point, source->line, fault)) {
-            return canopy_points_place(fault, source->name, true, source->line);
-        }
-        info->count++;
     }
+    info->count = counted.count;
+    source->line = counted.before;
     return state == CANOPY_SOURCE_END;
 }
 
-/// The reader of a file: by its name, else by its first bytes.
-static format_reader *find_reader(struct canopy_source *source, const char *path, struct canopy_fault *fault) {
+/// By its name, else by its first bytes.
+bool canopy_points_find_reader(struct canopy_source *source, const char *path, canopy_points_reader **read,
+                               struct canopy_fault *fault) {
     const size_t count = sizeof FORMATS / sizeof FORMATS[0];
+    *read = NULL;
     for (size_t i = 0; i < count; i++) {
         if (ends_in(path, FORMATS[i].ending)) {
-            return FORMATS[i].read;
+            *read = FORMATS[i].read;
+            return true;
         }
     }
     size_t have = 8;
     const unsigned char *start = canopy_source_peek(source, &have, fault);
-    for (size_t i = 0; start && i < count; i++) {
+    for (size_t i = 0; start && !*read && i < count; i++) {
         const size_t length = strlen(FORMATS[i].start);
-        if (have >= length && memcmp(start, FORMATS[i].start, length) == 0) {
-            return FORMATS[i].read;
-        }
+        *read = have >= length && memcmp(start, FORMATS[i].start, length) == 0 ? FORMATS[i].read : NULL;
     }
-    return start ? read_text : NULL;
+    return start != NULL;
+}
+
+bool canopy_points_none(const char *path, const struct canopy_points_info *info, uint64_t lines,
+                        struct canopy_fault *fault) {
+    canopy_fault_set(fault, info->skipped ? "no points but such as were not measured or are withheld: give others"
+                                          : "no points: give a file with at least one");
+    return canopy_points_place(fault, path, info->by_line, lines);
 }
 
 bool canopy_points_read(const char *path, struct canopy_points_sink sink, struct canopy_points_info *info,
                         struct canopy_fault *fault) {
     struct canopy_source source;
+    canopy_points_reader *read = NULL;
     *info = (struct canopy_points_info){.count = 0, .by_line = true};
     if (!canopy_source_open(&source, path, fault)) {
         return false;
     }
-    format_reader *const read = find_reader(&source, path, fault);
-    const bool ok = read && read(&source, sink, info, fault);
+    const bool ok =
+        canopy_points_find_reader(&source, path, &read, fault) && (read ? read : read_text)(&source, sink, info, fault);
     const uint64_t line = source.line;
     canopy_source_close(&source);
-    if (!ok || info->count > 0) {
-        return ok;
-    }
-    canopy_fault_set(fault, info->skipped ? "no points but such as were not measured or are withheld: give others"
-                                          : "no points: give a file with at least one");
-    return canopy_points_place(fault, path, info->by_line, info->by_line ? line : info->skipped);
+    return ok && (info->count > 0 || canopy_points_none(path, info, line, fault));
 }

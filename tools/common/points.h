@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #include "tools/common/fault.h"
+#include "tools/common/source.h"
 
 /// Takes one finite point. To refuse it, fill `fault` with what is wrong and the remedy, and return false; the reader
 /// puts the file and `where` in front. `where` is the text line, or in binary files the number of the point, from 1.
@@ -28,6 +29,24 @@ struct canopy_points_info {
     const char *why;   ///< … because they "were not measured" (PCD) or "are withheld" (LAS)
     bool by_line;      ///< `where` is a text line; false: it is the number of a point in a binary file
 };
+
+/// A reader of a binary format.
+typedef bool canopy_points_reader(struct canopy_source *source, struct canopy_points_sink sink,
+                                  struct canopy_points_info *info, struct canopy_fault *fault);
+
+/// Chooses the reader of an open file; NULL: it is text. False: it cannot be read.
+bool canopy_points_find_reader(struct canopy_source *source, const char *path, canopy_points_reader **read,
+                               struct canopy_fault *fault);
+
+/// Parses `size` bytes of text lines, text[size] being writable too, into `sink`, to which `where` is a line's number in
+/// the text, from 1. `first`: the text begins the file. `*lines` is how many there were, or the number of the one that
+/// the fault is about, which does not name it.
+bool canopy_points_parse(char *text, size_t size, bool first, struct canopy_points_sink sink, uint64_t *lines,
+                         struct canopy_fault *fault);
+
+/// Says that a file without a point has none. Always returns false. `lines` are those of a text.
+bool canopy_points_none(const char *path, const struct canopy_points_info *info, uint64_t lines,
+                        struct canopy_fault *fault);
 
 /// Reads all points of `path` into `sink`. No point at all is a fault. `info` is valid on success.
 bool canopy_points_read(const char *path, struct canopy_points_sink sink, struct canopy_points_info *info,

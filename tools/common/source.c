@@ -8,6 +8,16 @@
 
 #define BUFFER_SIZE (1024 * 1024)
 
+/// Standard input that is a file is read from where it stood when the program began, however often.
+static void rewind_standard(void) {
+    static off_t begin = -1;
+    if (begin < 0) {
+        begin = ftello(stdin);
+    } else {
+        fseeko(stdin, begin, SEEK_SET);
+    }
+}
+
 bool canopy_source_open(struct canopy_source *source, const char *path, struct canopy_fault *fault) {
     const bool standard = strcmp(path, "-") == 0;
     memset(source, 0, sizeof *source);
@@ -17,11 +27,15 @@ bool canopy_source_open(struct canopy_source *source, const char *path, struct c
         return canopy_fault_set(fault, "%s: %s: give a point file that exists and can be read, or - for standard input",
                                 path, strerror(errno));
     }
-    struct stat status;
+    struct stat status = {.st_mode = 0};
     if (fstat(fileno(source->file), &status) == 0 && S_ISDIR(status.st_mode)) {
         canopy_source_close(source);
         return canopy_fault_set(fault, "%s: is a directory: give a file in it", path);
     }
+    if (standard && S_ISREG(status.st_mode)) {
+        rewind_standard();
+    }
+    source->size = S_ISREG(status.st_mode) ? (double)status.st_size : 0.0;
     source->buffer = malloc(BUFFER_SIZE);
     if (!source->buffer) {
         canopy_source_close(source);
@@ -98,6 +112,30 @@ enum canopy_source_state canopy_source_line(struct canopy_source *source, char *
     source->offset += length + (stop != NULL);
     *line = start;
     return CANOPY_SOURCE_OK;
+}
+
+enum canopy_source_state canopy_source_lines(struct canopy_source *source, char **lines, size_t *size,
+                                             struct canopy_fault *fault) {
+    while (!source->ended && source->end - source->begin < BUFFER_SIZE - 1) {
+        if (!refill(source, fault)) {
+            return CANOPY_SOURCE_FAULT;
+        }
+    }
+    char *start = source->buffer + source->begin;
+    const size_t have = source->end - source->begin;
+    const char *stop = source->ended ? NULL : memrchr(start, '\n', have);
+    if (have == 0) {
+        return CANOPY_SOURCE_END;
+    }
+    *size = stop ? (size_t)(stop + 1 - start) : have;
+    *lines = start;
+    source->begin += *size;
+    source->offset += *size;
+    return CANOPY_SOURCE_OK;
+}
+
+double canopy_source_part(const struct canopy_source *source) {
+    return source->size > 0.0 ? (double)source->offset / source->size : -1.0;
 }
 
 const unsigned char *canopy_source_bytes(struct canopy_source *source, size_t count, struct canopy_fault *fault) {

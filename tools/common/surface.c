@@ -17,7 +17,7 @@
 #define FROM_POINTS_CELLS 4  // the frame's Q when fitting from points
 
 struct job {
-    const struct canopy_device_list *points;
+    struct canopy_supply *points;
     const struct canopy_surface_wish *wish;
     struct canopy_fault *fault;
     struct canopy_turned turned;
@@ -42,7 +42,12 @@ static bool turn(struct job *job) {
     for (int i = 0; wish->frame && i < 9; i++) {
         axes[i / 3][i % 3] = (int32_t)lrint(wish->frame->axes[i / 3][i % 3] * CANOPY_AXIS_ONE);
     }
-    return canopy_turn(job->points, axes, &job->turned, job->fault);
+    return canopy_turn_supply(job->points, axes, &job->turned, job->fault);
+}
+
+/// Elapsed time where several threads work, else processor time of this one.
+static double clock_ms(const struct job *job) {
+    return job->points->threads > 1 ? canopy_stopwatch_wall_ms() : canopy_stopwatch_ms();
 }
 
 /// One side's frame, grown by `quanta` if it is our own.
@@ -52,8 +57,17 @@ static bool frame(struct job *job, int side, int quanta) {
                                      .cells = wish->fitting.field ? wish->fitting.field : FROM_POINTS_CELLS,
                                      .side = (uint8_t)side};
     struct canopy_frame *to = &job->frame[side];
-    return wish->frame ? canopy_framing_like(wish->frame, job->points, &grid, &job->turned, to, job->fault)
-                       : canopy_framing_own(&job->turned, &grid, quanta, to, job->fault);
+    if (!wish->frame) {
+        return canopy_framing_own(&job->turned, &grid, quanta, to, job->fault);
+    }
+    if (!job->turned.points && !canopy_framing_is_exact(wish->frame, &job->turned, &grid)) {
+        // Points that are measured anew have to be held.
+        canopy_turned_free(&job->turned);
+        if (!canopy_supply_hold(job->points, job->fault) || !turn(job)) {
+            return false;
+        }
+    }
+    return canopy_framing_like(wish->frame, &job->points->list, &grid, &job->turned, to, job->fault);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -94,12 +108,13 @@ static bool store(const struct job *job, int side) {
 // ---------------------------------------------------------------------------------------------------------------------
 // From a surrogate to a certified one
 
-static bool certify(const struct job *job, int side) {
-    const struct canopy_cloud cloud = canopy_device_list_cloud(job->points);
-    const double start = canopy_stopwatch_ms();
-    const bool ok = canopy_exact_check(job->surrogate[side], &cloud, &job->report[side]->result);
-    job->report[side]->certificate_ms = canopy_stopwatch_ms() - start;
-    return ok || canopy_fault_no_memory(job->fault);
+/// The exact pass; the first one also sees which knot cells are covered, which does not change with the coefficients.
+static bool certify(const struct job *job, int side, bool first) {
+    struct canopy_surrogate *s = job->surrogate[side];
+    const double start = clock_ms(job);
+    const bool ok = canopy_supply_check(job->points, s, first ? s->trim : NULL, &job->report[side]->result, job->fault);
+    job->report[side]->certificate_ms = clock_ms(job) - start;
+    return ok;
 }
 
 /// Shifts all coefficients by whole steps so that the smallest margin is as small as can be without being negative: the
@@ -142,16 +157,16 @@ static bool fit(struct job *job) {
 
 /// The exact pass over a side, and once more where it moves the surface. `*outside`: points are outside the frame.
 static bool settle(const struct job *job, int side, bool *outside) {
-    if (!certify(job, side)) {
+    if (!certify(job, side, true)) {
         return false;
     }
     *outside = job->report[side]->result.outside > 0;
-    return *outside || !shift(job, side) || certify(job, side);
+    return *outside || !shift(job, side) || certify(job, side, false);
 }
 
 /// One attempt with the frame grown by `quanta`. `*outside`: points were outside the frame, try a larger one.
 static bool attempt(struct job *job, int quanta, bool *outside) {
-    const double start = canopy_stopwatch_ms();
+    const double start = clock_ms(job);
     bool ok = true;
     *outside = false;
     for (int side = 0; side < 2; side++) {
@@ -161,7 +176,7 @@ static bool attempt(struct job *job, int quanta, bool *outside) {
     for (int side = 0; side < 2; side++) {
         ok = ok && (!job->surrogate[side] || store(job, side));
     }
-    const double fit_ms = canopy_stopwatch_ms() - start;
+    const double fit_ms = clock_ms(job) - start;
     for (int side = 0; ok && !*outside && side < 2; side++) {
         if (job->surrogate[side]) {
             job->report[side]->fit_ms = fit_ms;
@@ -174,13 +189,16 @@ static bool attempt(struct job *job, int quanta, bool *outside) {
 /// Adds the windows to a side that is safe, and settles it again.
 static bool refine(const struct job *job, int side) {
     const struct canopy_surface_wish *wish = job->wish;
-    const struct canopy_cloud cloud = canopy_device_list_cloud(job->points);
-    const double start = canopy_stopwatch_ms();
+    if (!wish->fitting.field && !canopy_supply_hold(job->points, job->fault)) {
+        return false;
+    }
+    const struct canopy_cloud cloud = canopy_device_list_cloud(&job->points->list);
+    const double start = clock_ms(job);
     const bool ok = wish->fitting.field
                         ? canopy_refining_field(&wish->refining, &job->turned, &job->frame[side], wish->fitting.field,
                                                 wish->fitting.packed, job->surrogate[side], job->fault)
                         : canopy_refining_points(&wish->refining, &cloud, job->surrogate[side], job->fault);
-    job->report[side]->fit_ms += canopy_stopwatch_ms() - start;
+    job->report[side]->fit_ms += clock_ms(job) - start;
     bool outside;
     return ok && settle(job, side, &outside);
 }
@@ -193,13 +211,6 @@ static bool finish(const struct job *job, int side) {
         return canopy_fault_set(job->fault,
                                 "no safe surface came out; nothing was written: please report this with the points");
     }
-    struct canopy_exact *exact = canopy_exact_open(s);
-    if (!exact) {
-        return canopy_fault_no_memory(job->fault);
-    }
-    const struct canopy_cloud cloud = canopy_device_list_cloud(job->points);
-    canopy_exact_coverage(exact, &cloud, s->trim);
-    canopy_exact_close(exact);
     job->report[side]->windows = s->window_count;
     job->report[side]->coefficients = coefficient_count(job);
     for (size_t w = 0; w < s->window_count; w++) {
@@ -246,7 +257,7 @@ static bool part(const struct job *job) {
     for (size_t i = 0; i < coefficient_count(job); i++) {
         job->surrogate[CANOPY_ABOVE]->coefficients[i] = (double)upper[i] + lift;
     }
-    return certify(job, CANOPY_ABOVE);
+    return certify(job, CANOPY_ABOVE, false);
 }
 
 /// From what is going to be published, by code that shares nothing with the fit.
@@ -309,22 +320,41 @@ static bool end(struct job *job, bool ok) {
     return ok;
 }
 
-bool canopy_surface_fit(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
-                        struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
-                        struct canopy_fault *fault) {
+/// The methods that look at points one by one have them in memory.
+static bool hold_for(const struct canopy_surface_wish *wish, struct canopy_supply *points, struct canopy_fault *fault) {
+    return !wish->fitting.tight || wish->fitting.field > 0 || canopy_supply_hold(points, fault);
+}
+
+bool canopy_surface_fit_supply(struct canopy_supply *points, const struct canopy_surface_wish *wish,
+                               struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
+                               struct canopy_fault *fault) {
     struct job job = {.points = points, .wish = wish, .fault = fault};
     job.surrogate[wish->side] = surrogate;
     job.report[wish->side] = report;
-    return end(&job, run(&job));
+    return end(&job, hold_for(wish, points, fault) && run(&job));
 }
 
-bool canopy_surface_fit_both(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
-                             struct canopy_surrogate surrogate[2], struct canopy_surface_report report[2],
-                             struct canopy_crossing *crossing, struct canopy_fault *fault) {
+bool canopy_surface_fit_both_supply(struct canopy_supply *points, const struct canopy_surface_wish *wish,
+                                    struct canopy_surrogate surrogate[2], struct canopy_surface_report report[2],
+                                    struct canopy_crossing *crossing, struct canopy_fault *fault) {
     struct job job = {.points = points,
                       .wish = wish,
                       .fault = fault,
                       .surrogate = {&surrogate[0], &surrogate[1]},
                       .report = {&report[0], &report[1]}};
-    return end(&job, run(&job) && prove_apart(&job, crossing));
+    return end(&job, hold_for(wish, points, fault) && run(&job) && prove_apart(&job, crossing));
+}
+
+bool canopy_surface_fit(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
+                        struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
+                        struct canopy_fault *fault) {
+    struct canopy_supply supply = canopy_supply_of(points);
+    return canopy_surface_fit_supply(&supply, wish, surrogate, report, fault);
+}
+
+bool canopy_surface_fit_both(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
+                             struct canopy_surrogate surrogate[2], struct canopy_surface_report report[2],
+                             struct canopy_crossing *crossing, struct canopy_fault *fault) {
+    struct canopy_supply supply = canopy_supply_of(points);
+    return canopy_surface_fit_both_supply(&supply, wish, surrogate, report, crossing, fault);
 }

@@ -1,4 +1,4 @@
-/// A safe surface over device points in memory: turned, framed, fitted, and proved.
+/// A safe surface over device points, in memory or not: turned, framed, fitted, and proved.
 #ifndef CANOPY_TOOLS_COMMON_SURFACE_H
 #define CANOPY_TOOLS_COMMON_SURFACE_H
 
@@ -12,6 +12,7 @@
 #include "tools/common/fault.h"
 #include "tools/common/fitting.h"
 #include "tools/common/refining.h"
+#include "tools/common/supply.h"
 #include "tools/common/surrogate.h"
 
 /// How to fit.
@@ -28,7 +29,8 @@ struct canopy_surface_wish {
     struct canopy_refining refining;       ///< windows, of one side alone; none of both
 };
 
-/// What came out. Milliseconds are processor time of the calling thread.
+/// What came out. Milliseconds are processor time of the calling thread, or
+/// elapsed where the points may use several.
 struct canopy_surface_report {
     struct canopy_exact_result result;  ///< of the coefficients in the surrogate, over all points
     struct canopy_fitting_report fitting;
@@ -47,9 +49,20 @@ bool canopy_surface_fit(const struct canopy_device_list *points, const struct ca
                         struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
                         struct canopy_fault *fault);
 
+/// The same of a supply: points that are not held are read again for each of the passes (for axes that are not along
+/// the coordinates, their box; the field; the exact certificate once or twice), and only what looks at points one by
+/// one has them read into memory: tightening and windows without a field, a frame that is none of the library's.
+bool canopy_surface_fit_supply(struct canopy_supply *points, const struct canopy_surface_wish *wish,
+                               struct canopy_surrogate *surrogate, struct canopy_surface_report *report,
+                               struct canopy_fault *fault);
+
 /// Both sides (wish->side says nothing), in surrogate[side] and report[side]: each as above, and the two cross nowhere
 /// in the frame, which is proved from what they hold; `crossing` says how far they are apart. Each needs
 /// canopy_surrogate_free after success.
+bool canopy_surface_fit_both_supply(struct canopy_supply *points, const struct canopy_surface_wish *wish,
+                                    struct canopy_surrogate surrogate[2], struct canopy_surface_report report[2],
+                                    struct canopy_crossing *crossing, struct canopy_fault *fault);
+
 bool canopy_surface_fit_both(const struct canopy_device_list *points, const struct canopy_surface_wish *wish,
                              struct canopy_surrogate surrogate[2], struct canopy_surface_report report[2],
                              struct canopy_crossing *crossing, struct canopy_fault *fault);

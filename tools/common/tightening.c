@@ -1,5 +1,6 @@
 #include "tools/common/tightening.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "lib/cover/certify.h"
@@ -7,6 +8,9 @@
 #include "lib/cover/sandwich.h"
 #include "lib/cover/tighten.h"
 #include "tools/common/fielding.h"
+#include "tools/common/progress.h"
+
+#define STEPS 256  // units of work between looks at the progress: some milliseconds
 
 struct job {
     const struct canopy_turned *turned;
@@ -32,6 +36,17 @@ static enum canopy_status take_field(struct job *job, uint16_t q) {
     return status == CANOPY_OK ? canopy_tighten_field(&job->tighten, &job->from.field, &job->certify) : status;
 }
 
+/// How far it is from the tightest possible is the progress that it makes.
+static void show(const struct canopy_tighten *tighten) {
+    char stage[80];
+    const double excess = (double)canopy_tighten_excess(tighten);
+    const int used = snprintf(stage, sizeof stage, "tightening, iteration %u", tighten->iterations);
+    if (tighten->iterations > 0 && excess < 10.0) {
+        snprintf(stage + used, sizeof stage - (size_t)used, ", at most %.2g%% from the tightest", 100.0 * excess);
+    }
+    canopy_progress(stage, -1.0, 0);
+}
+
 static enum canopy_status tighten(struct job *job, uint16_t q, const struct canopy_tighten_size *size, size_t bytes,
                                   int32_t *coefficients, int32_t *opposite) {
     enum canopy_status status = canopy_tighten_init(&job->tighten, job->frame, size, job->arena, bytes);
@@ -44,7 +59,9 @@ static enum canopy_status tighten(struct job *job, uint16_t q, const struct cano
     if (status == CANOPY_OK) {
         status = canopy_tighten_begin(&job->tighten, coefficients, false);
     }
-    while (status == CANOPY_OK && canopy_tighten_step(&job->tighten, UINT32_MAX) == CANOPY_MORE) {}
+    while (status == CANOPY_OK && canopy_tighten_step(&job->tighten, STEPS) == CANOPY_MORE) {
+        show(&job->tighten);
+    }
     return status;
 }
 

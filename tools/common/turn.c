@@ -155,11 +155,136 @@ void canopy_turned_free(struct canopy_turned *turned) {
 #define box_t int32_t
 #include "tools/common/box.inc"
 
+static void swap(union canopy_device_point *p) {
+    const int32_t first = p->fx[0];  // the bits of either scalar
+    p->fx[0] = p->fx[1];
+    p->fx[1] = first;
+}
+
 void canopy_turned_box(const struct canopy_turned *turned, union canopy_device_point *low,
                        union canopy_device_point *high) {
+    if (!turned->points) {
+        *low = turned->low;
+        *high = turned->high;
+        if (turned->exchanged) {
+            swap(low);
+            swap(high);
+        }
+        return;
+    }
     if (turned->scalar == CANOPY_F32) {
         box_f32(turned->points[0].f32, turned->count, low->f32, high->f32);
     } else {
         box_fx(turned->points[0].fx, turned->count, low->fx, high->fx);
     }
+}
+
+void canopy_turned_widen(enum canopy_scalar scalar, union canopy_device_point box[2],
+                         const union canopy_device_point part[2]) {
+    for (int k = 0; k < 3; k++) {
+        if (scalar == CANOPY_F32) {
+            box[0].f32[k] = fminf(box[0].f32[k], part[0].f32[k]);
+            box[1].f32[k] = fmaxf(box[1].f32[k], part[1].f32[k]);
+        } else {
+            box[0].fx[k] = part[0].fx[k] < box[0].fx[k] ? part[0].fx[k] : box[0].fx[k];
+            box[1].fx[k] = part[1].fx[k] > box[1].fx[k] ? part[1].fx[k] : box[1].fx[k];
+        }
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Points that are not held
+
+struct pass {
+    const struct canopy_turned *turned;
+    const struct canopy_flow *flow;
+    bool identity;
+};
+
+static bool turn_batch(void *context, unsigned thread, struct canopy_batch *batch, size_t *bad,
+                       struct canopy_fault *fault) {
+    const struct pass *pass = context;
+    for (size_t i = 0; !pass->identity && i < batch->count; i++) {
+        const union canopy_device_point point = batch->points[i];
+        if (!turn_point(pass->turned, &point, &batch->points[i], fault)) {
+            *bad = i;
+            return false;
+        }
+    }
+    for (size_t i = 0; pass->turned->exchanged && i < batch->count; i++) {
+        swap(&batch->points[i]);
+    }
+    return !pass->flow->work || pass->flow->work(pass->flow->context, thread, batch, bad, fault);
+}
+
+static bool gather_turned(void *context, struct canopy_batch *batch, struct canopy_fault *fault) {
+    const struct pass *pass = context;
+    return !pass->flow->gather || pass->flow->gather(pass->flow->context, batch, fault);
+}
+
+bool canopy_turned_pass(const struct canopy_turned *turned, const struct canopy_flow *flow,
+                        struct canopy_fault *fault) {
+    int32_t axes[3][3];
+    memcpy(axes, turned->axes, sizeof axes);
+    struct pass pass = {turned, flow, are_identity(axes)};
+    struct canopy_flow own = *flow;
+    own.context = &pass;
+    own.work = turn_batch;
+    own.gather = gather_turned;
+    return canopy_supply_pass(turned->supply, &own, fault);
+}
+
+struct boxing {
+    struct canopy_turned *turned;
+    bool any;
+};
+
+static bool box_batch(void *context, unsigned thread, struct canopy_batch *batch, size_t *bad,
+                      struct canopy_fault *fault) {
+    const struct boxing *boxing = context;
+    (void)thread;
+    (void)bad;
+    (void)fault;
+    const struct canopy_turned part = {
+        .scalar = boxing->turned->scalar, .count = batch->count, .points = batch->points};
+    union canopy_device_point *box = batch->result;
+    canopy_turned_box(&part, &box[0], &box[1]);
+    return true;
+}
+
+static bool gather_box(void *context, struct canopy_batch *batch, struct canopy_fault *fault) {
+    struct boxing *boxing = context;
+    const union canopy_device_point *part = batch->result;
+    union canopy_device_point box[2] = {boxing->any ? boxing->turned->low : part[0],
+                                        boxing->any ? boxing->turned->high : part[1]};
+    (void)fault;
+    canopy_turned_widen(boxing->turned->scalar, box, part);
+    boxing->turned->low = box[0];
+    boxing->turned->high = box[1];
+    boxing->any = true;
+    return true;
+}
+
+bool canopy_turn_supply(const struct canopy_supply *supply, int32_t axes[3][3], struct canopy_turned *turned,
+                        struct canopy_fault *fault) {
+    if (canopy_supply_is_held(supply)) {
+        return canopy_turn(&supply->list, axes, turned, fault);
+    }
+    *turned = (struct canopy_turned){.along = are_along(axes),
+                                     .scalar = supply->scalar,
+                                     .count = (size_t)supply->count,
+                                     .supply = supply,
+                                     .low = supply->low,
+                                     .high = supply->high};
+    memcpy(turned->axes, axes, sizeof turned->axes);
+    if (are_identity(axes)) {
+        return true;
+    }
+    struct boxing boxing = {turned, false};
+    const struct canopy_flow flow = {.stage = "turning",
+                                     .result_size = 2 * sizeof turned->low,
+                                     .context = &boxing,
+                                     .work = box_batch,
+                                     .gather = gather_box};
+    return canopy_turned_pass(turned, &flow, fault);
 }
