@@ -30,7 +30,6 @@ struct scene {
     uint64_t seed, random;
     enum canopy_scalar scalar;
     struct canopy_grid grid;
-    bool straight;  // axes exactly along the coordinates, in some order
     int32_t axes[3][3];
     size_t count;
     float f32[POINTS_MAX][3];
@@ -150,18 +149,13 @@ static void axes_from_points(struct scene *s) {
     need_direction(s->axes[0], u, 2, "the u axis is not from the first to the second");
 }
 
-static bool make_axes(struct scene *s) {
+static void make_axes(struct scene *s) {
     if (below(s, 2)) {
         axes_from_direction(s);
     } else {
         axes_from_points(s);
     }
     need_orthonormal((const int32_t(*)[3])s->axes);
-    int along = 0;
-    for (int i = 0; i < 9; i++) {
-        along += abs(s->axes[i / 3][i % 3]) == CANOPY_AXIS_ONE;
-    }
-    return along == 3;
 }
 
 // ---- Clouds
@@ -184,7 +178,7 @@ static struct scene make_scene(uint64_t seed) {
         (struct canopy_grid){.size = {(uint16_t)(4 + below(&s, GRID_MAX - 3)), (uint16_t)(4 + below(&s, GRID_MAX - 3))},
                              .cells = (uint16_t)(1 + below(&s, CELLS_MAX)),
                              .side = (uint8_t)below(&s, 2)};
-    s.straight = make_axes(&s);
+    make_axes(&s);
     s.count = 1 + below(&s, below(&s, 4) ? POINTS_MAX : 3);
     const double size = ldexp(1, (int)below(&s, 32)), reach = 2147483647.0 - size;
     const double scale = s.scalar == CANOPY_F32 ? ldexp(1, (int)below(&s, 100) - 60) : 1;
@@ -194,7 +188,7 @@ static struct scene make_scene(uint64_t seed) {
         const double extent = below(&s, 4) ? size : ldexp(1, (int)below(&s, 12));
         for (size_t i = 0; i < s.count; i++) {
             const double x = middle + (2 * law(&s, kind) - 1) * fmin(extent, size);
-            s.fx[i][k] = (int32_t)x;
+            s.fx[i][k] = (int32_t)fmax(-2147483648.0, fmin(2147483647.0, x));
             s.f32[i][k] = (float)(x * scale);
         }
     }
