@@ -307,6 +307,29 @@ UNIT(field_in_float_agrees_with_exact_edges) {
     CHECK_EQ(canopy_field_insert_f32(&field, far_down, &hit), CANOPY_OK);
 }
 
+// What is further down than a float's whole steps reach counts as the lowest height; one just beyond must not become
+// lower than it is.
+UNIT(field_in_float_lowers_no_point) {
+    const float low[3] = {0.0f, 0.0f, 0.0f}, high[3] = {1.0f, 1.0f, 1.0f};
+    for (int side = CANOPY_ABOVE; side <= CANOPY_BELOW; side++) {
+        struct canopy_frame frame;
+        CHECK_EQ(canopy_frame_around_f32(&frame, &grid, low, high), CANOPY_OK);
+        frame.side = (uint8_t)side;
+        struct canopy_field field = field_in(&frame);
+        for (int32_t steps = -CANOPY_HEIGHT_LIMIT - 16; steps <= -CANOPY_HEIGHT_LIMIT + 16; steps += 2) {
+            const float z = ldexpf((float)steps, frame.lsb_log2 + frame.quantum_log2);  // exact, but for the last ones
+            const float p[3] = {0.5f, 0.5f, side == CANOPY_BELOW ? -z : z};
+            const struct canopy_field_box_f32 box = {{0.5f, 0.5f}, {0.5f, 0.5f}, z};
+            struct canopy_field_hit hit;
+            struct canopy_field_patch patch;
+            CHECK_EQ(canopy_field_insert_f32(&field, p, &hit), CANOPY_OK);
+            CHECK_EQ(canopy_field_insert_box_f32(&field, &box, &patch), CANOPY_OK);
+            const double truth = ldexp((double)z, -(frame.lsb_log2 + frame.quantum_log2));
+            CHECK(hit.height >= truth && patch.height >= truth);
+        }
+    }
+}
+
 UNIT(fields_merge_by_maximum) {
     static CANOPY_ARENA_DECLARE(other_arena, CANOPY_FIELD_ARENA(M, N, CELLS, CELLS));
     const struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 100);
@@ -725,9 +748,10 @@ UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_of_a_flat_scene
           field_finds_the_cell_of_every_point, field_finds_cells_over_the_whole_range,
           field_keeps_the_highest_and_says_so, field_below_keeps_the_lowest, field_refuses_heights_it_cannot_hold,
           field_rounds_heights_up_where_a_step_is_more_than_a_quantum, field_takes_any_step,
-          field_in_float_agrees_with_exact_edges, fields_merge_by_maximum, coverage_is_one_bit_a_knot_cell,
-          line_is_above_every_node_in_both_scalars, line_through_a_straight_slope_is_that_slope,
-          line_without_data_says_so, line_is_safe_however_its_iteration_ends, line_is_safe_wherever_it_is_stopped,
+          field_in_float_agrees_with_exact_edges, field_in_float_lowers_no_point, fields_merge_by_maximum,
+          coverage_is_one_bit_a_knot_cell, line_is_above_every_node_in_both_scalars,
+          line_through_a_straight_slope_is_that_slope, line_without_data_says_so,
+          line_is_safe_however_its_iteration_ends, line_is_safe_wherever_it_is_stopped,
           lift_looks_at_vertices_and_clears_every_node, surface_is_certified_in_both_scalars,
           certificate_notices_what_is_too_low, certificate_follows_convex_bends, raising_mends_any_surface_in_one_pass,
           certificate_refuses_an_approximate_field, certificate_refuses_what_its_numbers_cannot_hold,

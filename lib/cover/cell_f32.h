@@ -41,7 +41,10 @@ CANOPY_INLINE uint32_t canopy_cell_of_f32(const struct canopy_axis_f32 *axis, fl
     return (uint32_t)cell;
 }
 
+// Heights beyond the reach are none, or, far down, count as the lowest there is. What is found to be lower than that is
+// so in truth: the next float is 2 steps further down, and off by 1.
 #define CANOPY_HEIGHT_REACH_F32 ((float)(CANOPY_HEIGHT_LIMIT - 4))
+#define CANOPY_HEIGHT_LEAST_F32 (4 - CANOPY_HEIGHT_LIMIT)
 
 // NaN is not.
 static inline bool canopy_is_within(float x, float low, float high) { return x >= low && x <= high; }

@@ -30,7 +30,7 @@ enum canopy_status canopy_view_insert(struct canopy_field *field, const struct c
     if (!(height <= CANOPY_HEIGHT_REACH_F32)) {
         return isnan(height) ? CANOPY_OUT_OF_FRAME : CANOPY_RANGE;
     }
-    made.height = height < -CANOPY_HEIGHT_REACH_F32 ? -CANOPY_HEIGHT_LIMIT : (int32_t)height + 2;
+    made.height = height < -CANOPY_HEIGHT_REACH_F32 ? CANOPY_HEIGHT_LEAST_F32 : (int32_t)height + 2;
     const enum canopy_status status = canopy_field_raise(field, &made);
     if (status == CANOPY_OK) {
         *patch = made;

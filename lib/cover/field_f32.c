@@ -57,7 +57,7 @@ static enum canopy_status find_any(const struct canopy_view_f32 *view, const flo
     if (!isfinite(p[2]) || !find(view, there, exact, hit)) {
         return CANOPY_OUT_OF_FRAME;
     }
-    hit->height = -CANOPY_HEIGHT_LIMIT;
+    hit->height = CANOPY_HEIGHT_LEAST_F32;
     return (p[2] - view->zero) * view->scale < 0 ? CANOPY_OK : CANOPY_RANGE;
 }
 

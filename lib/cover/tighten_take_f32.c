@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "lib/cover/cell_f32.h"
 #include "lib/cover/tighten_f32.h"
 #include "lib/num/fixed.h"
 
@@ -36,14 +37,15 @@ static enum canopy_status place_f32(const struct canopy_frame *frame, const floa
         !isfinite(p[2])) {
         return CANOPY_OUT_OF_FRAME;
     }
-    const float limit = (float)(CANOPY_HEIGHT_LIMIT - 4), zero = ldexpf((float)frame->origin[2], frame->quantum_log2);
+    const float limit = CANOPY_HEIGHT_REACH_F32, zero = ldexpf((float)frame->origin[2], frame->quantum_log2);
     const float scale = ldexpf(1.0f, -(frame->lsb_log2 + frame->quantum_log2));
     const float height = (p[2] - zero) * (frame->side == CANOPY_BELOW ? -scale : scale);
     if (!(height <= limit)) {
         return CANOPY_RANGE;
     }
     to->cell = h * (frame->size[1] - 1U) + w;
-    to->height = height < -limit ? -CANOPY_HEIGHT_LIMIT : (int32_t)height + 2;  // rounded up, the difference included
+    // rounded up, the difference included
+    to->height = height < -limit ? CANOPY_HEIGHT_LEAST_F32 : (int32_t)height + 2;
     return CANOPY_OK;
 }
 
