@@ -41,7 +41,7 @@
 ///
 /// and *published* is what canopy_certify has certified on whole steps, mended where it found something missing: the
 /// exact integer certificate, in fixed point and in float alike. A field's height is a promise about points to come, so
-/// this surface is looser than that from points by what the cells are coarse; see docs/numbers.md. On a chip without
+/// this surface is looser than that from points by what the cells are coarse (docs/tightening.md). On a chip without
 /// floating-point hardware the float part runs in software, as background work: nothing depends on its rounding.
 ///
 /// Heights are steps in the library's orientation: above, mirrored for the side below. Stack: 4 KB.
