@@ -59,6 +59,22 @@ enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coeffici
 
 // ---- Lines: along v, from the field
 
+// Raises nodes to a row of cells. A plain field is read straight: this is where a fit sees every cell.
+static void gather_row(const struct canopy_field *field, uint32_t row, int32_t *nodes) {
+    const uint32_t columns = field->axis[1].count, first = row * columns;
+    if (field->heights != NULL) {
+        const int32_t *heights = field->heights + first;
+        for (uint32_t c = 0; c < columns; c++) {
+            nodes[c] = heights[c] > nodes[c] ? heights[c] : nodes[c];
+        }
+        return;
+    }
+    for (uint32_t c = 0; c < columns; c++) {
+        const int32_t height = canopy_field_packed_height(field, first + c);
+        nodes[c] = height > nodes[c] ? height : nodes[c];
+    }
+}
+
 // The line's nodes: the highest of the cells around each, within one line distance.
 static void gather_line(struct canopy_fast *fast, uint32_t index) {
     const struct canopy_field *field = fast->field;
@@ -70,10 +86,7 @@ static void gather_line(struct canopy_fast *fast, uint32_t index) {
         nodes[c] = CANOPY_NO_HEIGHT;
     }
     for (uint32_t r = from; r < to; r++) {
-        for (uint32_t c = 0; c < columns; c++) {
-            const int32_t height = canopy_field_height(field, r * columns + c);
-            nodes[c] = height > nodes[c] ? height : nodes[c];
-        }
+        gather_row(field, r, nodes);
     }
 }
 

@@ -250,36 +250,43 @@ static bool run_way(struct bench *bench, size_t way, struct canopy_surrogate *su
     return true;
 }
 
-static bool save(const struct bench *bench, size_t number, const struct canopy_surrogate *surrogate,
+/// Numbered as the output is.
+static bool save(const struct bench *bench, size_t way, const struct canopy_surrogate *surrogate,
                  struct canopy_fault *fault) {
     char path[4096];
+    size_t number = 0;
+    for (size_t before = 0; before < way; before++) {
+        number += is_wanted(bench, before);
+    }
     if ((size_t)snprintf(path, sizeof path, "%s-%zu.json", bench->save, number) >= sizeof path) {
         return canopy_fault_set(fault, "--save: the name is too long");
     }
     return canopy_surrogate_write(path, surrogate, fault);
 }
 
-/// Whether the way is run in this round.
-static bool is_due(const struct bench *bench, size_t way) {
-    return is_wanted(bench, way) && (!WAYS[way].tight || bench->results[way].fit.count < LONG_ROUNDS);
+/// Not in every round: they take longer than all else together, which would run colder after them.
+static bool are_rays_due(const struct bench *bench, size_t way) {
+    return has_rays(bench, way) && bench->results[way].rays.time.count < ROUNDS_LEAST;
 }
 
-static bool run_round(struct bench *bench, struct canopy_fault *fault) {
-    const bool first = bench->floors[0].count == 0;
+/// Fits one way, saves what came out if it is the first time, and casts rays.
+static bool run_once(struct bench *bench, size_t way, struct canopy_fault *fault) {
+    struct canopy_surrogate surrogate;
+    if (!run_way(bench, way, &surrogate, fault)) {
+        return false;
+    }
+    bool ok = bench->results[way].fit.count > 1 || !bench->save || save(bench, way, &surrogate, fault);
+    ok = ok && (!are_rays_due(bench, way) || canopy_bench_rays(&surrogate, &bench->results[way].rays) ||
+                canopy_fault_set(fault, "out of memory for rays: close other programs"));
+    canopy_surrogate_free(&surrogate);
+    return ok;
+}
+
+/// The floors, and every way that is wanted and as long as `tight` says.
+static bool run_round(struct bench *bench, bool tight, struct canopy_fault *fault) {
     run_floors(bench);
-    for (size_t way = 0, number = 0; way < WAY_COUNT; way++) {
-        if (!is_due(bench, way)) {
-            continue;
-        }
-        struct canopy_surrogate surrogate;
-        if (!run_way(bench, way, &surrogate, fault)) {
-            return false;
-        }
-        bool ok = !first || !bench->save || save(bench, number++, &surrogate, fault);
-        ok = ok && (!has_rays(bench, way) || canopy_bench_rays(&surrogate, &bench->results[way].rays) ||
-                    canopy_fault_set(fault, "out of memory for rays: close other programs"));
-        canopy_surrogate_free(&surrogate);
-        if (!ok) {
+    for (size_t way = 0; way < WAY_COUNT; way++) {
+        if (is_wanted(bench, way) && WAYS[way].tight == tight && !run_once(bench, way, fault)) {
             return false;
         }
     }
@@ -321,7 +328,10 @@ static bool run_file(struct bench *bench, struct canopy_fault *fault) {
     const time_t end = time(NULL) + (time_t)bench->seconds;
     bool ok = load(bench, fault);
     while (ok && !is_enough(bench, end)) {
-        ok = run_round(bench, fault);
+        ok = run_round(bench, false, fault);
+    }
+    for (int round = 0; ok && round < LONG_ROUNDS && !bench->points_only; round++) {
+        ok = run_round(bench, true, fault);
     }
     return ok && (bench->points_only || run_pairs(bench, fault));
 }
@@ -336,7 +346,7 @@ static bool run_step(struct bench *bench, const struct canopy_moving *moving, un
     if (!ok) {
         return canopy_fault_no_memory(fault);
     }
-    if (!prepare_floor(bench, fault) || !run_round(bench, fault)) {
+    if (!prepare_floor(bench, fault) || !run_round(bench, false, fault)) {
         return false;
     }
     const uint32_t solves = canopy_bench_solves_add(&bench->solves, &bench->points[CANOPY_F32].list, bench->size);
