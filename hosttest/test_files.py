@@ -5,10 +5,14 @@ The writers here share nothing with the readers.
 """
 
 import math
+import os
 import random
+import re
+import resource
 import struct
 import subprocess
 
+import numpy as np
 import pytest
 
 from test_cli import CANOPY, canopy, hills, refused, write_points
@@ -73,7 +77,8 @@ def pcd(points, data="ascii", kind=("F", 8), extra=True, header=None, width=None
         return head + "".join(" ".join(repr(v) for v in row) + "\n" for row in rows).encode()
     layout = [code] * (4 if extra else 3) + ["3B"] * extra
     split = lambda row: row[:4] + [row[4:]] if extra else row
-    packed = [[struct.pack("<" + c, *(v if isinstance(v, list) else [v])) for c, v in zip(layout, split(row))] for row in rows]
+    values = lambda row: [v if isinstance(v, list) else [v] for v in split(row)]
+    packed = [[struct.pack("<" + c, *v) for c, v in zip(layout, values(row))] for row in rows]
     if data == "binary":
         return head + b"".join(b"".join(row) for row in packed)
     body = b"".join(b"".join(column) for column in zip(*packed))
@@ -204,8 +209,10 @@ def pcd_faults():
     yield "no sizes", small[: at + 7], "truncated"
     yield "truncated packed", small[:-1], "truncated"
     yield "other size", small[: at + 4] + b"\1" + small[at + 5 :], "packed bytes for"
-    yield "huge size", small.replace(b"WIDTH 20", b"WIDTH 100000000").replace(b"POINTS 20", b"POINTS 100000000")[:at + 19] + \
-        struct.pack("<I", 35 * 10**8) + small[at + 4 :], "packed bytes for"
+    many = pcd([(1.0, 2.0, 3.0)] * 10**4, "binary_compressed", extra=False)
+    start = many.index(b"compressed\n") + 11
+    lie = many[:start] + struct.pack("<I", 100) + many[start + 4 :]
+    yield "too large for what is packed", lie, "packed bytes for"
     yield "not packed", small[: at + 8] + b"\xff" * (len(small) - at - 8), "cannot be unpacked"
 
 
@@ -232,7 +239,10 @@ def whole_points(count, seed=5):
     return [[draw.randint(-50000, 50000), draw.randint(-30000, 30000), draw.randint(0, 9000)] for _ in range(count)]
 
 
-@pytest.mark.parametrize("form, minor", [*((f, 2) for f in range(4)), (0, 0), (1, 1), (4, 3), (5, 3), *((f, 4) for f in range(11))])
+VERSIONS = [*((f, 2) for f in range(4)), (0, 0), (1, 1), (4, 3), (5, 3), *((f, 4) for f in range(11))]
+
+
+@pytest.mark.parametrize("form, minor", VERSIONS)
 def test_las_is_whole_numbers_times_scale_plus_offset(tmp_path, write, form, minor):
     scale, offset = (0.001, 0.01, 0.0037), (4.5e5, -17.25, 1e-3)
     whole = whole_points(80)
@@ -299,3 +309,148 @@ def test_formats_are_known_by_their_first_bytes(tmp_path, write, form, name):
     done = subprocess.run(command, input=data, capture_output=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert out.read_text() == want
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Files that are not held in memory: the same result, for any number of threads
+
+
+WAYS = [
+    ("fast",),
+    ("fast below", "--side", "below", "--scalar", "fx"),
+    ("field", "--field", "8"),
+    ("packed", "--field", "8", "--packed"),
+    ("turned", "--dir", "1,2,3", "--scalar", "fx"),
+    ("plane", "--plane", "0,0,0,3,0,1,0,2,1"),
+    ("filled", "--free", "nearest"),
+    ("tight field", "--method", "tight", "--field", "4"),
+    ("wide tight field", "--method", "tight", "--field", "4", "--grid", "5x9"),
+    ("windows of a field", "--refine", "1", "--field", "4", "--grid", "9x9"),
+]
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory):
+    path = tmp_path_factory.mktemp("many") / "many.xyz"
+    return write_points(path, hills(70000))
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way[0])
+def test_what_is_read_again_for_each_pass_gives_the_same_surface(tmp_path, many, way):
+    want, line = surrogate_of(tmp_path, many, *way[1:], "--threads", "1")
+    for threads in (1, 2, 3, 8):
+        got, streamed = surrogate_of(tmp_path, many, *way[1:], "--threads", str(threads), "--memory", "0")
+        assert got == want
+        assert streamed.split("iterations")[0] == line.split("iterations")[0]
+        assert surrogate_of(tmp_path, many, *way[1:], "--threads", str(threads))[0] == want
+
+
+def test_a_frame_of_another_surface_serves_what_is_not_held(tmp_path, many):
+    for options in ((), ("--dir", "1,2,3"), ("--scalar", "fx")):
+        first, second = tmp_path / "first.json", tmp_path / "second.json"
+        assert canopy("fit", many, "--grid", "6x5", *options, "-o", first).returncode == 0
+        lines = []
+        for memory in ("100", "0"):
+            done = canopy("fit", many, "--grid", "6x5", "--frame", first, "--memory", memory, "-o", second)
+            assert done.returncode == 0, done.stderr
+            lines.append(second.read_text())
+        assert lines[0] == lines[1]
+
+
+def test_a_sandwich_of_what_is_not_held(tmp_path, many):
+    texts = []
+    for memory in ("100", "0"):
+        done = canopy("sandwich", many, "--grid", "6x5", "--memory", memory, "-o", tmp_path / memory)
+        assert done.returncode == 0, done.stderr
+        texts.append([(tmp_path / f"{memory}.{side}.json").read_text() for side in ("above", "below")])
+    assert texts[0] == texts[1]
+
+
+def test_what_looks_at_points_one_by_one_says_that_it_takes_a_field(tmp_path, many):
+    got, line = surrogate_of(tmp_path, many, "--method", "tight", "--memory", "0")
+    want, _ = surrogate_of(tmp_path, many, "--method", "tight", "--field", "16")
+    assert got == want and " tight from field 16 (" in line
+    assert " from field" not in surrogate_of(tmp_path, many, "--method", "tight")[1]
+
+
+@pytest.mark.parametrize("threads", ["1", "3"])
+def test_standard_input_is_read_again_if_it_is_a_file_and_held_if_it_is_a_pipe(tmp_path, many, threads):
+    want, _ = surrogate_of(tmp_path, many)
+    out = tmp_path / "out.json"
+    command = [str(CANOPY), "fit", "-", "--grid", "6x5", "--memory", "0", "--threads", threads, "-o", str(out)]
+    with many.open("rb") as file:
+        subprocess.run(command, stdin=file, check=True, timeout=60, stdout=subprocess.DEVNULL)
+        assert out.read_text() == want
+    subprocess.run(command, input=many.read_bytes(), check=True, timeout=60, stdout=subprocess.DEVNULL)
+    assert out.read_text() == want
+
+
+@pytest.mark.parametrize("memory", ["0", "100"])
+def test_bad_lines_of_large_files_have_their_line(tmp_path, many, memory):
+    lines = many.read_text().splitlines(True)
+    lines[61234] = "1 2\n"
+    lines[66000] = "word\n"
+    bad = tmp_path / "bad.xyz"
+    bad.write_text("".join(lines))
+    out = tmp_path / "no.json"
+    for threads in ("1", "8"):
+        done = canopy("fit", bad, "--grid", "6x5", "--memory", memory, "--threads", threads, "-o", out)
+        refused(done, "bad.xyz:61235: 2 columns")
+        assert not out.exists()
+
+
+@pytest.mark.parametrize("option", [("--memory", "-1"), ("--memory", "much"), ("--threads", "0"), ("--threads", "65")])
+def test_bad_memory_and_threads(tmp_path, many, option):
+    refused(canopy("fit", many, "--grid", "6x5", *option), " ".join(option))
+
+
+def run_limited(megabytes, *arguments):
+    """Runs the command with an address space of so many megabytes."""
+    limit = lambda: resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
+    command = [str(CANOPY), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, preexec_fn=limit, timeout=90)
+
+
+def many_whole_points(count):
+    """A LAS file made quickly: points on a paraboloid."""
+    record = np.zeros(count, np.dtype([("p", "<i4", 3), ("rest", "u1", 8)]))
+    at = np.arange(count, dtype=np.int64)
+    record["p"][:, 0], record["p"][:, 1] = at * 7919 % 100003, at * 104729 % 70001
+    record["p"][:, 2] = (record["p"][:, 0].astype(np.int64) ** 2 + record["p"][:, 1].astype(np.int64) ** 2) // 10**6
+    head = bytearray(las([]))
+    struct.pack_into("<I", head, 107, count)
+    return bytes(head) + record.tobytes()
+
+
+@pytest.mark.parametrize("options", [(), ("--scalar", "fx"), ("--method", "tight")], ids=["fast", "unit", "tight"])
+def test_memory_does_not_grow_with_the_file(tmp_path, write, options):
+    path = write("many.las", many_whole_points(3_000_000))
+    fitting = ["fit", path, "--grid", "6x5", "--threads", "1", *options, "-o", tmp_path / "out.json"]
+    done = run_limited(32, *fitting, "--memory", "1")
+    assert done.returncode == 0 and done.stdout.startswith("3000000 points, "), done.stderr
+    if "tight" not in options:
+        streamed = (tmp_path / "out.json").read_text()
+        assert canopy(*fitting).returncode == 0
+        assert (tmp_path / "out.json").read_text() == streamed
+    refused(run_limited(32, *fitting), "out of memory")  # 36 MB of points: what is limited would show
+
+
+def test_progress_is_for_terminals(tmp_path, write):
+    path = write("a.las", many_whole_points(1_000_000))
+    arguments = ["fit", path, "--grid", "700x700", "--memory", "0"]
+    assert canopy(*arguments).stderr == ""
+    terminal, end = os.openpty()
+    done = subprocess.run([str(CANOPY), *map(str, arguments)], stdout=subprocess.PIPE, stderr=end, timeout=120)
+    os.close(end)
+    shown = b""
+    try:
+        while part := os.read(terminal, 65536):
+            shown += part
+    except OSError:  # how a terminal ends
+        pass
+    os.close(terminal)
+    assert done.returncode == 0 and done.stdout.count(b"\n") == 1
+    steps = shown.decode().split("\r\x1b[K")
+    assert steps[0] == "" and steps[-1] == "" and len(steps) > 3
+    for step in steps[1:-1]:
+        assert re.fullmatch(r"canopy: [a-z ]+ \d{1,3}%( \(\d+ points\))?", step), step
