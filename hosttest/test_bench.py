@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from fractions import Fraction
@@ -185,6 +186,24 @@ def test_the_reference_line_is_above_its_points():
         b, solves, _ = paper.line(t, y, 10)
         assert 1 <= solves <= paper.SOLVES
         assert (surfaces.Uniform(np.tile(b, (4, 1))).heights(np.ones(300), t) >= y - 1e-9).all()
+
+
+def test_every_claim_of_the_paper_names_tests_that_exist():
+    """docs/paper.md: twelve claims, each with tests or rows of the bench that show it."""
+    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    claims = page.split("\n## ")[1:]
+    assert [claim.split(".")[0] for claim in claims[:12]] == [str(k) for k in range(1, 13)]
+    for claim in claims[:12]:
+        named = re.findall(r"`((?:unit/)?test_\w+\.(?:c|py)):\s([^`]+)`", claim)
+        assert named or "- bench, *" in claim
+        for file, names in named:
+            text = (ROOT / "hosttest" / file).read_text(encoding="utf-8")
+            for name in re.split(r",\s+", names):
+                assert re.search(rf"\b{name}\(|\({name}\)|UNIT\({name}", text), f"{file} has no {name}"
+    report = (ROOT / "tools" / "bench" / "report.py").read_text(encoding="utf-8")
+    for words in ("**Points**", "**Grids**", "**Solves**", "**Tight**", "both sides", "linear: ", "300K moving points",
+                  "x the optimum's"):
+        assert words in report
 
 
 @pytest.mark.skipif(not ORACLE.exists(), reason="no oracle beside the repository")
