@@ -237,7 +237,9 @@ UNIT(halving_keeps_a_line_and_rounds_up) {
             heights[0][i] = sign * (i / N) * 81;
         }
         envelopes[0].frame.side = (uint8_t)side;
+        envelopes[0].first_row = -7;
         CHECK_EQ(canopy_regrid_halve(&envelopes[0], 0, &fine), CANOPY_OK);
+        CHECK_EQ(fine.first_row, -14);
         CHECK(fine.frame.size[0] == 2 * M - 1 && fine.frame.pitch[0] == PITCH / 2 && fine.frame.cells == 4);
         for (int k = 1; k < 2 * (M - 1); k++) {
             CHECK_EQ(fine_heights[k * N], sign * (k * 81 + 1) / 2);  // 40.5 a half interval, rounded away from 0
@@ -284,7 +286,34 @@ UNIT(another_grid_stands_above) {
     CHECK_EQ(canopy_regrid_step(&regrid, 1000), CANOPY_EMPTY);
 }
 
+// A packed field takes the old surface, too; and cells that are widened reach it from beyond its edge.
+UNIT(another_grid_fills_any_field) {
+    static CANOPY_ARENA_DECLARE(field_arena, CANOPY_FIELD_PACKED_ARENA(4, 4, 2, 2));
+    static struct canopy_regrid regrid;
+    flat(40000, 0);
+    const struct canopy_query_rect part = {{0, 0}, {200, 200}}, whole = canopy_query_whole(&envelopes[0].frame);
+    const struct canopy_grid grid = {.size = {4, 4}, .cells = 2};
+    const uint16_t cells[2] = {2, 2};
+    struct canopy_frame frame;
+    struct canopy_field field;
+    CHECK_EQ(canopy_regrid_frame(&envelopes[0].frame, &part, &grid, &frame), CANOPY_OK);
+    CHECK_EQ(canopy_field_init_packed(&field, &frame, cells, field_arena, sizeof field_arena), CANOPY_OK);
+    canopy_regrid_begin(&regrid, &envelopes[0], whole.low, 0, 4, &field);
+    CHECK_EQ(canopy_regrid_step(&regrid, 1000), CANOPY_OK);
+    for (uint32_t c = 0; c < 36; c++) {
+        CHECK(canopy_field_height(&field, c) >= 40000);
+    }
+    const uint32_t end[2] = {whole.high[0] - 34, 0};  // the second row of cells begins at the old edge
+    canopy_regrid_begin(&regrid, &envelopes[0], end, 1, 4, &field);
+    CHECK_EQ(canopy_regrid_step(&regrid, 1000), CANOPY_OK);
+    CHECK(canopy_field_height(&field, 6) >= 40000);
+    CHECK_EQ(canopy_field_height(&field, 12), CANOPY_NO_HEIGHT);
+    memset(covered[0], 0, sizeof covered[0]);
+    canopy_regrid_begin(&regrid, &envelopes[0], whole.low, 0, 4, &field);
+    CHECK_EQ(canopy_regrid_step(&regrid, 1000), CANOPY_EMPTY);
+}
+
 UNIT_LIST(query, a_flat_surface_is_bounded_to_a_step, a_hump_is_found_where_it_is, a_search_can_stop_anywhere,
           clearance_of_two_and_to_a_plane, only_what_is_covered_counts, what_cannot_be_asked_says_why,
           slopes_and_normals, volumes_of_boxes, change_of_one_cell, halving_keeps_a_line_and_rounds_up,
-          another_grid_stands_above)
+          another_grid_stands_above, another_grid_fills_any_field)

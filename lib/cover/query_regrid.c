@@ -92,6 +92,7 @@ enum canopy_status canopy_regrid_halve(const struct canopy_envelope *old, int ax
     fine->scalar = old->scalar;
     fine->points = old->points;
     fine->margin = old->margin;
+    fine->first_row = axis == 0 ? 2 * old->first_row : old->first_row;
     return CANOPY_OK;
 }
 
@@ -145,7 +146,7 @@ void canopy_regrid_begin(struct canopy_regrid *regrid, const struct canopy_envel
 static bool find_part(const struct canopy_regrid *regrid, int axis, uint32_t at, uint32_t *low, uint32_t *high) {
     const uint64_t width = canopy_frame_width(&regrid->old->frame, axis), cell = regrid->field->axis[axis].cell;
     const uint64_t from = regrid->corner[axis] + at * cell, to = from + cell + regrid->wide;
-    if (from >= width) {
+    if (from >= width + regrid->wide) {
         return false;
     }
     *low = (uint32_t)(from > regrid->wide ? from - regrid->wide : 0);
@@ -180,14 +181,14 @@ static enum canopy_status fill_cell(struct canopy_regrid *regrid, uint32_t cell)
     if (height > CANOPY_HEIGHT_LIMIT || height < -CANOPY_HEIGHT_LIMIT) {
         return CANOPY_RANGE;
     }
-    field->heights[cell] = height;
+    (void)canopy_field_raise_cell(regrid->field, cell, height);
     return CANOPY_OK;
 }
 
 static bool is_empty(const struct canopy_field *field) {
-    const size_t cells = (size_t)field->axis[0].count * field->axis[1].count;
-    for (size_t c = 0; c < cells; c++) {
-        if (field->heights[c] != CANOPY_NO_HEIGHT) {
+    const uint32_t cells = field->axis[0].count * field->axis[1].count;
+    for (uint32_t c = 0; c < cells; c++) {
+        if (canopy_field_height(field, c) != CANOPY_NO_HEIGHT) {
             return false;
         }
     }

@@ -25,7 +25,8 @@
 
 /// Halves the pitch along axis 0 (u) or 1 (v). `fine` brings memory for the coefficients, 2 * size - 1 along that axis,
 /// and the coverage; everything else of it is written: a knot cell's halves are covered as it was, certificate and
-/// points are taken over, frame.cells becomes the largest number up to the old one that divides both pitches.
+/// points are taken over, first_row counts the halved rows, frame.cells becomes the largest number up to the old one
+/// that divides both pitches.
 /// CANOPY_ARGUMENT: the pitch is odd, or the new size is beyond CANOPY_SIZE_MAX; CANOPY_RANGE: a coefficient is beyond
 /// its limit. *fine is then unchanged but for its memory. Linear.
 enum canopy_status canopy_regrid_halve(const struct canopy_envelope *old, int axis, struct canopy_envelope *fine);
