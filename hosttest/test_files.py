@@ -454,3 +454,27 @@ def test_progress_is_for_terminals(tmp_path, write):
     assert steps[0] == "" and steps[-1] == "" and len(steps) > 3
     for step in steps[1:-1]:
         assert re.fullmatch(r"canopy: [a-z ]+ \d{1,3}%( \(\d+ points\))?", step), step
+
+
+def test_one_point_and_points_at_one_height_are_told_as_such(tmp_path):
+    one = write_points(tmp_path / "one.xyz", [(1, 2, 3)])
+    flat = write_points(tmp_path / "flat.xyz", [(0, 0, 5), (9, 9, 5)])
+    for points, words in ((one, "1 point, "), (flat, "2 points, ")):
+        _, line = surrogate_of(tmp_path, points)
+        assert line.startswith(words) and "% of one device unit (all points are at one height), " in line
+        verdict = canopy("check", tmp_path / "out.json", points).stdout
+        assert words in verdict and "% of one device unit (all points are at one height), max " in verdict
+
+
+@pytest.mark.parametrize("command", [(), ("fit",), ("check",)])
+def test_h_is_help(command):
+    assert canopy(*command, "-h").stdout == canopy(*command, "--help").stdout != ""
+
+
+@pytest.mark.parametrize("option, status", [
+    (("--grid", "3x3"), 2), (("--field", "99"), 2), (("--dir", "0,0,0"), 2), (("--unit", "0"), 2),
+    (("--side", "sideways"), 64), (("--method", "best"), 64), (("--free", "all"), 64), (("--packed",), 64),
+])  # fmt: skip
+def test_wrong_numbers_are_bad_input_and_wrong_words_wrong_usage(tmp_path, option, status):
+    points = write_points(tmp_path / "a.xyz", hills(20))
+    assert canopy("fit", points, "--grid", "5x5", *option).returncode == status

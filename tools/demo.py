@@ -359,7 +359,7 @@ def draw(surrogate, served_file, to):
 
 
 def report(envelope, served, verdict, seconds):
-    gap = re.search(r"mean gap (\S+)% of the height range, max (\S+)%", verdict)
+    gap = re.search(r"mean gap (\S+)% of [^,]*, max (\S+)%", verdict)
     rows = [("grid", f"{envelope['grid_m']} x {envelope['grid_n']} coefficients, {envelope['scalar']}, "
                      f"{envelope['side']}, unit {envelope['unit']:.9g}"),
             ("sequence", f"{envelope['sequence']} publications"),

@@ -24,8 +24,8 @@ static void print_verdict(const struct canopy_exact_result *r, const struct cano
            canopy_exact_is_safe(r) ? "safe" : "NOT SAFE", r->points, r->points == 1 ? "" : "s",
            canopy_points_skipped(info).text, r->wrong, r->outside);
     if (r->points > r->outside) {
-        printf(", worst margin %.3g (%.3g device units), mean gap %.4g%% of the height range, max %.3g%%",
-               r->margin * unit, r->margin, canopy_exact_mean_gap(r), canopy_exact_max_gap(r));
+        printf(", worst margin %.3g (%.3g device units), mean gap %.4g%% of %s, max %.3g%%", r->margin * unit,
+               r->margin, canopy_exact_mean_gap(r), canopy_exact_gap_base(r), canopy_exact_max_gap(r));
     }
     if (r->first_wrong != UINT64_MAX) {
         printf(", first wrong: point %" PRIu64, r->first_wrong + 1);

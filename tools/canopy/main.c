@@ -36,8 +36,11 @@ static void print_help(FILE *to) {
     for (size_t i = 0; i < COMMAND_COUNT; i++) {
         fprintf(to, "  %-9s %s\n", COMMANDS[i].name, COMMANDS[i].what);
     }
-    fprintf(to, "\n`canopy COMMAND --help` is the manual of a command. Exit status: 0 done, 1 not safe (check),\n"
-                "2 bad input (one line on standard error says where and what to do), 64 wrong usage.\n");
+    fprintf(to,
+            "\n`canopy COMMAND --help` is the manual of a command. Exit status: 0 done, 1 not safe (check),\n"
+            "2 bad input (one line on standard error says where and what to do), 64 wrong usage.\n"
+            "What a file holds and what an option is given as numbers is input: wrong numbers are status 2. Unknown\n"
+            "options, words that an option does not have, and what is missing are wrong usage.\n");
 }
 
 int canopy_command_fail(const struct canopy_fault *fault) {
@@ -56,9 +59,13 @@ static int finish(int status) {
     return status;
 }
 
+static bool is_help(const char *word) {
+    return strcmp(word, "--help") == 0 || strcmp(word, "-h") == 0 || strcmp(word, "-?") == 0;
+}
+
 int main(int argc, char **argv) {
     argp_err_exit_status = CANOPY_EXIT_USAGE;
-    if (argc >= 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-?") == 0 || strcmp(argv[1], "help") == 0)) {
+    if (argc >= 2 && (is_help(argv[1]) || strcmp(argv[1], "help") == 0)) {
         print_help(stdout);
         return finish(CANOPY_EXIT_OK);
     }
@@ -71,6 +78,10 @@ int main(int argc, char **argv) {
             static char name[32];
             snprintf(name, sizeof name, "canopy %s", COMMANDS[i].name);
             argv[1] = name;
+            if (argc >= 3 && is_help(argv[2])) {
+                static char help[] = "--help";  // argp knows no -h
+                argv[2] = help;
+            }
             return finish(COMMANDS[i].run(argc - 1, argv + 1));
         }
     }

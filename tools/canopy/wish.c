@@ -238,10 +238,10 @@ void canopy_wish_report(const struct canopy_surface_wish *wish, const struct can
     printf(
         "%" PRIu64
         " point%s%s, %ux%u%s %s, %s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "
-        "the height range, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
+        "%s, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
         r->result.points, r->result.points == 1 ? "" : "s", canopy_points_skipped(&loaded->info).text, wish->size[0],
         wish->size[1], windows, wish->side == CANOPY_ABOVE ? "above" : "below", how,
         wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
-        canopy_exact_max_gap(&r->result), r->result.margin * loaded->unit, r->fitting.iterations, r->fit_ms,
-        r->certificate_ms, output ? ", " : "", output ? output : "");
+        canopy_exact_max_gap(&r->result), canopy_exact_gap_base(&r->result), r->result.margin * loaded->unit,
+        r->fitting.iterations, r->fit_ms, r->certificate_ms, output ? ", " : "", output ? output : "");
 }

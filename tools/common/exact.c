@@ -268,6 +268,11 @@ static double height_range(const struct canopy_exact_result *result) {
     return range > 0.0 ? range : 1.0;
 }
 
+const char *canopy_exact_gap_base(const struct canopy_exact_result *result) {
+    return result->height_max > result->height_min ? "the height range"
+                                                   : "one device unit (all points are at one height)";
+}
+
 double canopy_exact_mean_gap(const struct canopy_exact_result *result) {
     const uint64_t inside = result->points - result->outside;
     return inside ? 100.0 * result->gap_sum / (double)inside / height_range(result) : 0.0;

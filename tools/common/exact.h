@@ -71,6 +71,9 @@ static inline bool canopy_exact_is_safe(const struct canopy_exact_result *result
 double canopy_exact_mean_gap(const struct canopy_exact_result *result);
 double canopy_exact_max_gap(const struct canopy_exact_result *result);
 
+/// What those per cents are of, in words.
+const char *canopy_exact_gap_base(const struct canopy_exact_result *result);
+
 /// The surface over each point in device units along axes[2] above the origin, in double with an error below 1e-12 of
 /// the coefficients; NAN outside the frame (decided exactly) or in a knot cell that `trim` excludes. `heights` has room
 /// for cloud->count.

@@ -174,7 +174,7 @@ bool canopy_supply_check(const struct canopy_supply *supply, const struct canopy
     const bool ok = open_check(&check, threads, covered != NULL) ? canopy_supply_pass(supply, &flow, fault)
                                                                  : canopy_fault_no_memory(fault);
     for (unsigned i = 0; i < threads; i++) {
-        for (size_t c = 0; check.covered[i] && c < cells; c++) {
+        for (size_t c = 0; covered && check.covered[i] && c < cells; c++) {
             covered[c] |= check.covered[i][c];
         }
         free(check.covered[i]);
