@@ -93,12 +93,15 @@ struct canopy_refine_row {
 #define CANOPY_REFINE_NODES(r, c, cu, cv, level)                                                                       \
     ((((size_t)(cu) >> (level)) * ((size_t)(r) + 3U) + 1U) * (((size_t)(cv) >> (level)) * ((size_t)(c) + 3U) + 1U))
 
+/// Floats of a row of the matrix: its band left of the diagonal, and that (lib/num/cholesky.h).
+#define CANOPY_REFINE_BAND(c) (3U * (size_t)(c) + 4U)
+
 /// Bytes of arena for a window of r x c coefficients and `rows` constraints: 32 each, the matrix of 4 r c (3 c + 4),
 /// and 49 for each coefficient.
 #define CANOPY_REFINE_ARENA(r, c, rows)                                                                                \
     (CANOPY_ARENA_ROUND((size_t)(rows) * sizeof(struct canopy_refine_row)) +                                           \
      CANOPY_ARENA_ROUND(4U * CANOPY_REFINE_CELLS(r, c)) +                                                              \
-     CANOPY_ARENA_ROUND(4U * (size_t)(r) * (size_t)(c) * (3U * (size_t)(c) + 4U)) +                                    \
+     CANOPY_ARENA_ROUND(4U * (size_t)(r) * (size_t)(c)*CANOPY_REFINE_BAND(c)) +                                        \
      12U * CANOPY_ARENA_ROUND(4U * (size_t)(r) * (size_t)(c)) + CANOPY_ARENA_ROUND((size_t)(r) * (size_t)(c)))
 
 enum canopy_refine_stage {
@@ -142,7 +145,7 @@ struct canopy_refine {
     uint8_t *seen;                           // 1 where a fine cell with points has the coefficient in sight
     uint32_t at;                             // next constraint, or row of the matrix, of the present stage
     float comp, sums[3], most[2], alpha[2];  // complementarity; what a pass adds up; largest -by/slack, -by/dual
-    float gap, best, trial;                  // mean gap: so far, published, of the candidate; in units
+    float gap, best;                         // mean gap: so far, published; in units
     uint32_t tried, tries;                   // the field's cell that was mended last, and how often in a row
     bool raised, last;
 };

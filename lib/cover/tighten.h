@@ -87,7 +87,7 @@ struct canopy_tighten_size {
 #define CANOPY_TIGHTEN_ROWS(m, n) ((uint32_t)32U * (m) * (n))
 #define CANOPY_TIGHTEN_ROWS_FEW(m, n) ((uint32_t)4U * (m) * (n))
 
-/// Rows of the matrix, with what the widest chunk may read beyond its end.
+/// Floats of a row of the matrix: its band left of the diagonal, and that (lib/num/cholesky.h).
 #define CANOPY_TIGHTEN_BAND(n) (3U * (size_t)(n) + 4U)
 #define CANOPY_TIGHTEN_CELLS(m, n) (((size_t)(m)-1U) * ((size_t)(n)-1U))
 #define CANOPY_TIGHTEN_LATTICE(q) (7U + 3U * (size_t)(q) + 1U)

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "lib/cover/tighten_f32.h"
+#include "lib/num/cholesky.h"
 
 #define CLEAR_ROWS 64  // of the matrix, in one unit of work
 #define FACTOR_ROWS 4
@@ -102,13 +103,13 @@ static void clear_rows(struct canopy_tighten *t, enum canopy_tighten_stage next)
 
 static void factor_rows(struct canopy_tighten *t, enum canopy_tighten_stage next) {
     const uint32_t from = t->at, to = piece(t, FACTOR_ROWS, (uint32_t)canopy_tighten_coefficients(t), next);
-    canopy_tighten_factor(t->matrix, t->frame.size[1], from, to);
+    canopy_cholesky_factor_f32(t->matrix, CANOPY_TIGHTEN_BAND(t->frame.size[1]), from, to);
 }
 
 static void solve(struct canopy_tighten *t, float *rhs, void (*finish)(struct canopy_tighten *)) {
     const uint32_t count = (uint32_t)canopy_tighten_coefficients(t), from = t->at;
     const uint32_t to = from + SOLVE_ROWS < 2 * count ? from + SOLVE_ROWS : 2 * count;
-    canopy_tighten_solve_rows(t->matrix, t->frame.size[1], count, rhs, from, to);
+    canopy_cholesky_solve_rows_f32(t->matrix, CANOPY_TIGHTEN_BAND(t->frame.size[1]), count, rhs, from, to);
     t->at = to;
     if (to == 2 * count) {
         finish(t);

@@ -8,8 +8,9 @@
 ///     tighten_iterate_f32.c  the interior-point iteration
 ///     tighten_publish_f32.c  candidates: rounding, mending, publishing
 ///     tighten_bound_f32.c    what the duals prove
-///     tighten_band_f32.c     the banded Cholesky factor
 ///     tighten_bend_f32.c     the free coefficients
+///
+/// The matrix is factorised by lib/num/cholesky.h.
 #ifndef CANOPY_COVER_TIGHTEN_F32_H
 #define CANOPY_COVER_TIGHTEN_F32_H
 
@@ -133,13 +134,6 @@ enum canopy_tighten_look {
 // coefficient came to be larger than `reach`, which bounds those that any constraint sees before and after.
 enum canopy_status canopy_tighten_look(struct canopy_tighten *t, enum canopy_tighten_look look, int32_t *b,
                                        float reach);
-
-// ---- The matrix (tighten_band_f32.c). Rows in order; a pivot that rounding has eaten takes its unknown out.
-
-void canopy_tighten_factor(float *matrix, uint32_t n, uint32_t from, uint32_t to);
-void canopy_tighten_solve(const float *matrix, uint32_t n, uint32_t count, float *rhs);
-void canopy_tighten_solve_rows(const float *matrix, uint32_t n, uint32_t count, float *rhs, uint32_t from,
-                               uint32_t to);  // of 2 count
 
 // ---- The iteration (tighten_iterate_f32.c): what follows each pass, and the vectors between
 

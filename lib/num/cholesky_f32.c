@@ -1,7 +1,9 @@
+#include "lib/num/cholesky.h"
+
 #include <math.h>
+#include <stdbool.h>
 
-#include "lib/cover/tighten_f32.h"
-
+#define LANES 8
 #define PIVOT_LEAST 3e-7f  // of its own diagonal: below that rounding has eaten it
 
 // Sums in lanes, so that it does not depend on the machine's vectors. Each lane a variable of its own, and the pointers
@@ -36,15 +38,15 @@ static void subtract(float *restrict to, const float *restrict row, float factor
     }
 }
 
-void canopy_tighten_factor(float *matrix, uint32_t n, uint32_t from, uint32_t to) {
-    const uint32_t stride = (uint32_t)CANOPY_TIGHTEN_BAND(n), width = stride - 1;
+void canopy_cholesky_factor_f32(float *matrix, size_t stride, uint32_t from, uint32_t to) {
+    const uint32_t width = (uint32_t)stride - 1;
     for (uint32_t i = from; i < to; i++) {
-        float *row = matrix + (size_t)i * stride;
+        float *row = matrix + i * stride;
         const uint32_t start = i > width ? i - width : 0;
         const float *begin = row + (width - (i - start));
         const float diagonal = row[width];
         for (uint32_t j = start; j < i; j++) {
-            const float *other = matrix + (size_t)j * stride;
+            const float *other = matrix + j * stride;
             const float sum = dot(begin, other + (width - (j - start)), j - start);
             row[width - (i - j)] = (row[width - (i - j)] - sum) * other[width];
         }
@@ -54,13 +56,13 @@ void canopy_tighten_factor(float *matrix, uint32_t n, uint32_t from, uint32_t to
 }
 
 // Row `at` of the first half, which goes down the factor, or of the second, which comes back up.
-void canopy_tighten_solve_rows(const float *matrix, uint32_t n, uint32_t count, float *rhs, uint32_t from,
-                               uint32_t to) {
-    const uint32_t stride = (uint32_t)CANOPY_TIGHTEN_BAND(n), width = stride - 1;
+void canopy_cholesky_solve_rows_f32(const float *matrix, size_t stride, uint32_t count, float *rhs, uint32_t from,
+                                    uint32_t to) {
+    const uint32_t width = (uint32_t)stride - 1;
     for (uint32_t at = from; at < to; at++) {
         const bool down = at < count;
         const uint32_t i = down ? at : 2 * count - 1 - at;
-        const float *row = matrix + (size_t)i * stride;
+        const float *row = matrix + i * stride;
         const uint32_t start = i > width ? i - width : 0;
         const float *begin = row + (width - (i - start));
         if (down) {
@@ -72,6 +74,6 @@ void canopy_tighten_solve_rows(const float *matrix, uint32_t n, uint32_t count, 
     }
 }
 
-void canopy_tighten_solve(const float *matrix, uint32_t n, uint32_t count, float *rhs) {
-    canopy_tighten_solve_rows(matrix, n, count, rhs, 0, 2 * count);
+void canopy_cholesky_solve_f32(const float *matrix, size_t stride, uint32_t count, float *rhs) {
+    canopy_cholesky_solve_rows_f32(matrix, stride, count, rhs, 0, 2 * count);
 }
