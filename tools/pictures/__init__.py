@@ -1,0 +1,1 @@
+"""Pictures of surrogates: what tools/plot_surrogate.py lays out. Needs numpy and matplotlib."""
