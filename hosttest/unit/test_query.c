@@ -311,6 +311,17 @@ UNIT(another_grid_fills_any_field) {
     memset(covered[0], 0, sizeof covered[0]);
     canopy_regrid_begin(&regrid, &envelopes[0], whole.low, 0, 4, &field);
     CHECK_EQ(canopy_regrid_step(&regrid, 1000), CANOPY_EMPTY);
+    // A part that ends on a knot, where a covered knot cell begins, and the knot is its own.
+    const struct canopy_query_rect to_knot = {{0, 0}, {2 * PITCH, 200}};
+    covered[0][1] = 0x0F;  // of row 2
+    CHECK_EQ(canopy_regrid_frame(&envelopes[0].frame, &to_knot, &grid, &frame), CANOPY_OK);
+    CHECK_EQ(canopy_frame_width(&frame, 0), 2 * PITCH);
+    CHECK_EQ(canopy_field_init_packed(&field, &frame, cells, field_arena, sizeof field_arena), CANOPY_OK);
+    canopy_regrid_begin(&regrid, &envelopes[0], whole.low, 0, 4, &field);
+    CHECK_EQ(canopy_regrid_step(&regrid, 1000), CANOPY_OK);
+    for (uint32_t c = 0; c < 36; c++) {
+        CHECK_EQ(canopy_field_height(&field, c) >= 40000, c >= 30);
+    }
 }
 
 UNIT_LIST(query, a_flat_surface_is_bounded_to_a_step, a_hump_is_found_where_it_is, a_search_can_stop_anywhere,

@@ -142,10 +142,12 @@ void canopy_regrid_begin(struct canopy_regrid *regrid, const struct canopy_envel
     canopy_field_clear(field);
 }
 
-// The part of the old frame that cell `at` of the field's axis covers. False where there is none.
+// The part of the old frame that cell `at` of the field's axis covers. False where there is none. The last cell has the
+// field's far edge, too, and where that is a knot a place on it is of the old knot cell behind: a quantum more.
 static bool find_part(const struct canopy_regrid *regrid, int axis, uint32_t at, uint32_t *low, uint32_t *high) {
     const uint64_t width = canopy_frame_width(&regrid->old->frame, axis), cell = regrid->field->axis[axis].cell;
-    const uint64_t from = regrid->corner[axis] + at * cell, to = from + cell + regrid->wide;
+    const bool last = at + 1 == regrid->field->axis[axis].count;
+    const uint64_t from = regrid->corner[axis] + at * cell, to = from + cell + regrid->wide + (last ? 1 : 0);
     if (from >= width + regrid->wide) {
         return false;
     }
