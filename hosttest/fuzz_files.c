@@ -1,5 +1,5 @@
-// libFuzzer on the files a user gives: points as text, PLY, PCD and LAS, and surrogates, chosen by the first byte. A surrogate
-// that is accepted is also checked against a few points and written and read again.
+// libFuzzer on the files a user gives: points as text, PLY, PCD and LAS, and surrogates, chosen by the first byte. A
+// surrogate that is accepted is also checked against a few points and written and read again.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

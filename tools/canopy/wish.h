@@ -39,8 +39,8 @@ void canopy_wish_end(const struct canopy_wish *wish, struct argp_state *state);
 bool canopy_wish_read(const struct canopy_wish *words, struct canopy_surrogate *frame, struct canopy_surface_wish *wish,
                       struct canopy_fault *fault);
 
-/// Loads the points for the wish, and gives it their unit; and where they are not held and the method would have to look
-/// at them one by one, a field. loaded->supply needs canopy_supply_free after success.
+/// Loads the points for the wish, and gives it their unit; and where they are not held and the method would have to
+/// look at them one by one, a field. loaded->supply needs canopy_supply_free after success.
 bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wish *wish, struct canopy_loaded *loaded,
                       struct canopy_fault *fault);
 

@@ -73,11 +73,14 @@ static bool add_point(struct slot *slot, const double point[3], uint64_t where) 
         const size_t room = slot->room ? slot->room * 2 : BATCH;
         double(*raw)[3] = realloc(slot->raw, room * sizeof *raw);
         slot->raw = raw ? raw : slot->raw;
-        uint64_t *places = realloc(slot->where, room * sizeof *places);
-        slot->where = places ? places : slot->where;
-        if (!raw || !places) {
+        if (!raw) {
             return slot_fault(slot);
         }
+        uint64_t *numbers = realloc(slot->where, room * sizeof *numbers);
+        if (!numbers) {
+            return slot_fault(slot);
+        }
+        slot->where = numbers;
         slot->room = room;
     }
     memcpy(slot->raw[slot->batch.count], point, sizeof *slot->raw);

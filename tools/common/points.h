@@ -38,9 +38,9 @@ typedef bool canopy_points_reader(struct canopy_source *source, struct canopy_po
 bool canopy_points_find_reader(struct canopy_source *source, const char *path, canopy_points_reader **read,
                                struct canopy_fault *fault);
 
-/// Parses `size` bytes of text lines, text[size] being writable too, into `sink`, to which `where` is a line's number in
-/// the text, from 1. `first`: the text begins the file. `*lines` is how many there were, or the number of the one that
-/// the fault is about, which does not name it.
+/// Parses `size` bytes of text lines, text[size] being writable too, into `sink`, to which `where` is a line's number
+/// in the text, from 1. `first`: the text begins the file. `*lines` is how many there were, or the number of the one
+/// that the fault is about, which does not name it.
 bool canopy_points_parse(char *text, size_t size, bool first, struct canopy_points_sink sink, uint64_t *lines,
                          struct canopy_fault *fault);
 

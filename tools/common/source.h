@@ -35,8 +35,8 @@ bool canopy_source_open(struct canopy_source *source, const char *path, struct c
 /// or longer than CANOPY_LINE_LIMIT is a fault.
 enum canopy_source_state canopy_source_line(struct canopy_source *source, char **line, struct canopy_fault *fault);
 
-/// The next whole lines as they stand, up to about 1 MB of them, valid until the next call: `*size` bytes, then one that
-/// may be written over. Only the last line of the file may lack its end, and only a line longer than
+/// The next whole lines as they stand, up to about 1 MB of them, valid until the next call: `*size` bytes, then one
+/// that may be written over. Only the last line of the file may lack its end, and only a line longer than
 /// CANOPY_LINE_LIMIT may be cut.
 enum canopy_source_state canopy_source_lines(struct canopy_source *source, char **lines, size_t *size,
                                              struct canopy_fault *fault);
