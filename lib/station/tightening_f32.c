@@ -1,3 +1,6 @@
+// The job that a station spends spare time on. It is part of the float path, hence the name; in soft float where there is
+// no hardware for it.
+
 #include "lib/station/tightening.h"
 
 #include <string.h>
