@@ -16,6 +16,7 @@
 
 #include <cmocka.h>
 
+#include "hosttest/cloud.h"
 #include "hosttest/seeds.h"
 #include "lib/cover/certify.h"
 #include "lib/cover/envelope.h"
@@ -234,20 +235,7 @@ static CANOPY_ARENA_DECLARE(certify_arena, CANOPY_CERTIFY_ARENA(GRID_MAX, CELLS_
 
 static enum canopy_status make_frame(const struct scene *s, struct canopy_frame *frame) {
     const struct cloud *c = &s->cloud;
-    float low[3], high[3];
-    int32_t from[3], to[3];
-    for (int a = 0; a < 3; a++) {
-        low[a] = high[a] = c->f32[0][a];
-        from[a] = to[a] = c->fx[0][a];
-        for (size_t i = 1; i < c->count; i++) {
-            low[a] = fminf(low[a], c->f32[i][a]);
-            high[a] = fmaxf(high[a], c->f32[i][a]);
-            from[a] = c->fx[i][a] < from[a] ? c->fx[i][a] : from[a];
-            to[a] = c->fx[i][a] > to[a] ? c->fx[i][a] : to[a];
-        }
-    }
-    return c->scalar == CANOPY_F32 ? canopy_frame_around_f32(frame, &s->grid, low, high)
-                                   : canopy_frame_around_fx(frame, &s->grid, from, to);
+    return cloud_frame(c->scalar, &s->grid, (const float(*)[3])c->f32, (const int32_t(*)[3])c->fx, c->count, frame);
 }
 
 // What is no number, or no place in the frame, never enters a field: not as a height, not as coverage.
@@ -298,23 +286,8 @@ static int32_t fit(const struct scene *s, const struct canopy_frame *frame, int3
     return certify.margin;
 }
 
-static struct canopy_surrogate surrogate_of(const struct canopy_frame *frame, enum canopy_scalar scalar,
-                                            const int32_t *b, double *coefficients) {
-    struct canopy_surrogate s = {
-        .side = frame->side, .scalar = scalar, .unit = 1, .size = {frame->size[0], frame->size[1]}};
-    for (int a = 0; a < 3; a++) {
-        s.origin[a] = ldexp(frame->origin[a], frame->quantum_log2);
-        s.axes[a][a] = 1;
-    }
-    for (int a = 0; a < 2; a++) {
-        s.pitch[a] = ldexp(frame->pitch[a], frame->quantum_log2);
-    }
-    s.lsb = ldexp(1, frame->lsb_log2 + frame->quantum_log2);
-    for (size_t i = 0; i < CANOPY_COEFFICIENTS(frame->size[0], frame->size[1]); i++) {
-        coefficients[i] = b[i];
-    }
-    s.coefficients = coefficients;
-    return s;
+static struct canopy_cloud judged_cloud(const struct cloud *c) {
+    return cloud_of(c->scalar, (const float(*)[3])c->f32, (const int32_t(*)[3])c->fx, c->count);
 }
 
 static void check_scene(uint64_t seed) {
@@ -324,10 +297,8 @@ static void check_scene(uint64_t seed) {
     double coefficients[GRID_MAX * GRID_MAX];
     assert_int_equal(make_frame(&s, &frame), CANOPY_OK);
     const int32_t margin = fit(&s, &frame, b);
-    const struct canopy_surrogate surrogate = surrogate_of(&frame, s.cloud.scalar, b, coefficients);
-    const void *first = s.cloud.scalar == CANOPY_F32 ? (const void *)s.cloud.f32 : (const void *)s.cloud.fx;
-    const char *bytes = first;
-    const struct canopy_cloud cloud = {s.cloud.scalar, s.cloud.count, 3, {bytes, bytes + 4, bytes + 8}};
+    const struct canopy_surrogate surrogate = cloud_surrogate(&frame, s.cloud.scalar, b, 1, coefficients);
+    const struct canopy_cloud cloud = judged_cloud(&s.cloud);
     struct canopy_exact_result result;
     assert_true(canopy_exact_check(&surrogate, &cloud, &result));
     // the certificate may promise less than there is, never more (the referee's own bound is 1e-12 of the heights off)
@@ -356,9 +327,8 @@ static void the_referee_notices_one_step(void **state) {
         double coefficients[GRID_MAX * GRID_MAX];
         assert_int_equal(make_frame(&s, &frame), CANOPY_OK);
         (void)fit(&s, &frame, b);
-        struct canopy_surrogate surrogate = surrogate_of(&frame, s.cloud.scalar, b, coefficients);
-        const char *bytes = s.cloud.scalar == CANOPY_F32 ? (const void *)s.cloud.f32 : (const void *)s.cloud.fx;
-        const struct canopy_cloud cloud = {s.cloud.scalar, s.cloud.count, 3, {bytes, bytes + 4, bytes + 8}};
+        struct canopy_surrogate surrogate = cloud_surrogate(&frame, s.cloud.scalar, b, 1, coefficients);
+        const struct canopy_cloud cloud = judged_cloud(&s.cloud);
         struct canopy_exact_result result;
         assert_true(canopy_exact_check(&surrogate, &cloud, &result));
         const double down = result.margin / surrogate.lsb + 1;

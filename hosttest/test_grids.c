@@ -9,6 +9,7 @@
 
 #include <cmocka.h>
 
+#include "hosttest/cloud.h"
 #include "lib/cover/certify.h"
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
@@ -74,24 +75,8 @@ static int32_t fit(enum canopy_scalar scalar, const struct canopy_frame *frame, 
 }
 
 static struct canopy_exact_result judge(enum canopy_scalar scalar, const struct canopy_frame *frame) {
-    struct canopy_surrogate s = {.side = frame->side,
-                                 .scalar = scalar,
-                                 .unit = 1,
-                                 .size = {frame->size[0], frame->size[1]},
-                                 .coefficients = coefficients,
-                                 .lsb = ldexp(1, frame->lsb_log2 + frame->quantum_log2)};
-    for (int a = 0; a < 3; a++) {
-        s.origin[a] = ldexp(frame->origin[a], frame->quantum_log2);
-        s.axes[a][a] = 1;
-    }
-    for (int a = 0; a < 2; a++) {
-        s.pitch[a] = ldexp(frame->pitch[a], frame->quantum_log2);
-    }
-    for (int i = 0; i < SHORT * LONG; i++) {
-        coefficients[i] = b[i];
-    }
-    const char *bytes = scalar == CANOPY_F32 ? (const void *)f32 : (const void *)fx;
-    const struct canopy_cloud cloud = {scalar, POINTS, 3, {bytes, bytes + 4, bytes + 8}};
+    const struct canopy_surrogate s = cloud_surrogate(frame, scalar, b, 1, coefficients);
+    const struct canopy_cloud cloud = cloud_of(scalar, (const float(*)[3])f32, (const int32_t(*)[3])fx, POINTS);
     struct canopy_exact_result result;
     assert_true(canopy_exact_check(&s, &cloud, &result));
     return result;

@@ -15,6 +15,7 @@
 
 #include <cmocka.h>
 
+#include "hosttest/cloud.h"
 #include "hosttest/seeds.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/refine.h"
@@ -80,21 +81,9 @@ static void make_frame(struct scene *s, uint16_t cells) {
     const struct canopy_grid grid = {.size = {(uint16_t)(4 + below(s, GRID - 3)), (uint16_t)(4 + below(s, GRID - 3))},
                                      .cells = cells,
                                      .side = (uint8_t)below(s, 2)};
-    float low[3], high[3];
-    int32_t from[3], to[3];
-    for (int a = 0; a < 3; a++) {
-        low[a] = high[a] = s->f32[0][a];
-        from[a] = to[a] = s->fx[0][a];
-        for (size_t i = 1; i < s->points; i++) {
-            low[a] = fminf(low[a], s->f32[i][a]);
-            high[a] = fmaxf(high[a], s->f32[i][a]);
-            from[a] = s->fx[i][a] < from[a] ? s->fx[i][a] : from[a];
-            to[a] = s->fx[i][a] > to[a] ? s->fx[i][a] : to[a];
-        }
-    }
-    assert_int_equal(s->scalar == CANOPY_F32 ? canopy_frame_around_f32(&s->frame, &grid, low, high)
-                                             : canopy_frame_around_fx(&s->frame, &grid, from, to),
-                     CANOPY_OK);
+    assert_int_equal(
+        cloud_frame(s->scalar, &grid, (const float(*)[3])s->f32, (const int32_t(*)[3])s->fx, s->points, &s->frame),
+        CANOPY_OK);
 }
 
 // Random points in a field; no coefficients yet. `level`: what the field's cells can be halved to.
@@ -163,25 +152,10 @@ struct judged {
 };
 
 static void give(const struct scene *s, struct judged *to) {
-    const double sign = s->frame.side == CANOPY_ABOVE ? 1 : -1;
-    to->surrogate = (struct canopy_surrogate){.side = s->frame.side,
-                                              .scalar = s->scalar,
-                                              .unit = 1,
-                                              .size = {s->frame.size[0], s->frame.size[1]},
-                                              .coefficients = to->b,
-                                              .lsb = ldexp(1, s->frame.lsb_log2 + s->frame.quantum_log2),
-                                              .window_count = s->count,
-                                              .windows = to->windows};
-    for (int a = 0; a < 3; a++) {
-        to->surrogate.origin[a] = ldexp(s->frame.origin[a], s->frame.quantum_log2);
-        to->surrogate.axes[a][a] = 1;
-    }
-    for (int a = 0; a < 2; a++) {
-        to->surrogate.pitch[a] = ldexp(s->frame.pitch[a], s->frame.quantum_log2);
-    }
-    for (size_t i = 0; i < (size_t)s->frame.size[0] * s->frame.size[1]; i++) {
-        to->b[i] = sign * s->b[i];
-    }
+    const double sign = cloud_mirror(&s->frame);
+    to->surrogate = cloud_surrogate(&s->frame, s->scalar, s->b, sign, to->b);
+    to->surrogate.window_count = s->count;
+    to->surrogate.windows = to->windows;
     for (uint32_t k = 0; k < s->count; k++) {
         const struct canopy_refinement *w = &s->windows[k];
         to->windows[k] =
@@ -232,8 +206,7 @@ static void check_fitted(uint64_t seed) {
     const enum canopy_status status = certify(&s);
     const int32_t margin = s.certify.margin < s.base.margin ? s.certify.margin : s.base.margin;
     give(&s, &judged);
-    const char *bytes = s.scalar == CANOPY_F32 ? (const void *)s.f32 : (const void *)s.fx;
-    const struct canopy_cloud cloud = {s.scalar, s.points, 3, {bytes, bytes + 4, bytes + 8}};
+    const struct canopy_cloud cloud = cloud_of(s.scalar, (const float(*)[3])s.f32, (const int32_t(*)[3])s.fx, s.points);
     assert_true(canopy_exact_check(&judged.surrogate, &cloud, &result));
     const double slack = 1e-9 * (fabs(result.height_max) + fabs(result.height_min)) + judged.surrogate.lsb * 1e-3;
     if (status != CANOPY_OK || !canopy_exact_is_safe(&result) || margin < 0 ||

@@ -16,6 +16,7 @@
 
 #include <cmocka.h>
 
+#include "hosttest/cloud.h"
 #include "hosttest/seeds.h"
 #include "lib/cover/envelope.h"
 #include "lib/cover/free.h"
@@ -110,24 +111,12 @@ static struct scene make_scene(uint64_t seed) {
 }
 
 static struct canopy_frame frame_of(const struct scene *s, enum canopy_side side) {
-    float low[3], high[3];
-    int32_t from[3], to[3];
-    for (int a = 0; a < 3; a++) {
-        low[a] = high[a] = s->f32[0][a];
-        from[a] = to[a] = s->fx[0][a];
-        for (size_t i = 1; i < s->count; i++) {
-            low[a] = fminf(low[a], s->f32[i][a]);
-            high[a] = fmaxf(high[a], s->f32[i][a]);
-            from[a] = s->fx[i][a] < from[a] ? s->fx[i][a] : from[a];
-            to[a] = s->fx[i][a] > to[a] ? s->fx[i][a] : to[a];
-        }
-    }
     struct canopy_grid grid = s->grid;
     struct canopy_frame frame;
     grid.side = (uint8_t)side;
-    assert_int_equal(s->scalar == CANOPY_F32 ? canopy_frame_around_f32(&frame, &grid, low, high)
-                                             : canopy_frame_around_fx(&frame, &grid, from, to),
-                     CANOPY_OK);
+    assert_int_equal(
+        cloud_frame(s->scalar, &grid, (const float(*)[3])s->f32, (const int32_t(*)[3])s->fx, s->count, &frame),
+        CANOPY_OK);
     return frame;
 }
 
@@ -184,23 +173,7 @@ static void fit_fast(struct scene *s, struct subject *x) {
 static struct canopy_surrogate publish(const struct scene *s, const struct subject *x, int side, const int32_t *b,
                                        double *coefficients) {
     const struct canopy_frame *frame = &x->field[side].frame;
-    struct canopy_surrogate to = {.side = (enum canopy_side)side,
-                                  .scalar = s->scalar,
-                                  .unit = 1,
-                                  .size = {frame->size[0], frame->size[1]},
-                                  .lsb = ldexp(1, frame->lsb_log2 + frame->quantum_log2)};
-    for (int a = 0; a < 3; a++) {
-        to.origin[a] = ldexp(frame->origin[a], frame->quantum_log2);
-        to.axes[a][a] = 1;
-    }
-    for (int a = 0; a < 2; a++) {
-        to.pitch[a] = ldexp(frame->pitch[a], frame->quantum_log2);
-    }
-    for (size_t j = 0; j < count_of(x); j++) {
-        coefficients[j] = side == CANOPY_BELOW ? -(double)b[j] : (double)b[j];
-    }
-    to.coefficients = coefficients;
-    return to;
+    return cloud_surrogate(frame, s->scalar, b, cloud_mirror(frame), coefficients);
 }
 
 static struct canopy_crossing cross(const struct scene *s, const struct subject *x, const int32_t *upper,
@@ -218,8 +191,8 @@ static struct canopy_crossing cross(const struct scene *s, const struct subject 
 static double judge(const struct scene *s, const struct subject *x, int side) {
     double coefficients[COUNT_MAX];
     const struct canopy_surrogate surrogate = publish(s, x, side, x->b[side], coefficients);
-    const char *bytes = s->scalar == CANOPY_F32 ? (const void *)s->f32 : (const void *)s->fx;
-    const struct canopy_cloud cloud = {s->scalar, s->count, 3, {bytes, bytes + 4, bytes + 8}};
+    const struct canopy_cloud cloud =
+        cloud_of(s->scalar, (const float(*)[3])s->f32, (const int32_t(*)[3])s->fx, s->count);
     struct canopy_exact_result result;
     assert_true(canopy_exact_check(&surrogate, &cloud, &result));
     if (!canopy_exact_is_safe(&result)) {
@@ -555,7 +528,8 @@ static void what_touches_is_not_called_crossing(void **state) {
     const int n = x.field[0].frame.size[1];
     for (int shift = -1; shift <= 1; shift++) {
         for (size_t j = 0; j < count_of(&x); j++) {
-            const double i = (double)(j / (size_t)n);
+            const size_t row = j / (size_t)n;
+            const double i = (double)row;
             coefficients[0][j] = coefficients[1][j] + (i - 11.0 / 6) * (i - 11.0 / 6) - 1.0 / 3 + 1e-3 * shift;
         }
         struct canopy_crossing crossing;

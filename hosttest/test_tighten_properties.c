@@ -15,6 +15,7 @@
 
 #include <cmocka.h>
 
+#include "hosttest/cloud.h"
 #include "lib/cover/certify.h"
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
@@ -130,21 +131,9 @@ static struct scene make_scene(uint64_t seed) {
 }
 
 static void make_frame(const struct scene *s, struct canopy_frame *frame) {
-    float low[3], high[3];
-    int32_t from[3], to[3];
-    for (int a = 0; a < 3; a++) {
-        low[a] = high[a] = s->f32[0][a];
-        from[a] = to[a] = s->fx[0][a];
-        for (size_t i = 1; i < s->count; i++) {
-            low[a] = fminf(low[a], s->f32[i][a]);
-            high[a] = fmaxf(high[a], s->f32[i][a]);
-            from[a] = s->fx[i][a] < from[a] ? s->fx[i][a] : from[a];
-            to[a] = s->fx[i][a] > to[a] ? s->fx[i][a] : to[a];
-        }
-    }
-    assert_int_equal(s->scalar == CANOPY_F32 ? canopy_frame_around_f32(frame, &s->grid, low, high)
-                                             : canopy_frame_around_fx(frame, &s->grid, from, to),
-                     CANOPY_OK);
+    assert_int_equal(
+        cloud_frame(s->scalar, &s->grid, (const float(*)[3])s->f32, (const int32_t(*)[3])s->fx, s->count, frame),
+        CANOPY_OK);
 }
 
 // ---- What is under test
@@ -230,24 +219,11 @@ static void begin(struct scene *s, struct subject *x) {
 // ---- The referees
 
 static void judge(const struct scene *s, const struct subject *x, struct canopy_exact_result *result) {
-    const struct canopy_frame *frame = &x->frame;
     double coefficients[GRID_MAX * GRID_MAX];
-    struct canopy_surrogate surrogate = {
-        .side = frame->side, .scalar = s->scalar, .unit = 1, .size = {frame->size[0], frame->size[1]}};
-    for (int a = 0; a < 3; a++) {
-        surrogate.origin[a] = ldexp(frame->origin[a], frame->quantum_log2);
-        surrogate.axes[a][a] = 1;
-    }
-    for (int a = 0; a < 2; a++) {
-        surrogate.pitch[a] = ldexp(frame->pitch[a], frame->quantum_log2);
-    }
-    surrogate.lsb = ldexp(1, frame->lsb_log2 + frame->quantum_log2);
-    for (size_t j = 0; j < coefficients_of(x); j++) {
-        coefficients[j] = frame->side == CANOPY_BELOW ? -(double)x->b[j] : (double)x->b[j];
-    }
-    surrogate.coefficients = coefficients;
-    const char *bytes = s->scalar == CANOPY_F32 ? (const void *)s->f32 : (const void *)s->fx;
-    const struct canopy_cloud cloud = {s->scalar, s->count, 3, {bytes, bytes + 4, bytes + 8}};
+    const struct canopy_surrogate surrogate =
+        cloud_surrogate(&x->frame, s->scalar, x->b, cloud_mirror(&x->frame), coefficients);
+    const struct canopy_cloud cloud =
+        cloud_of(s->scalar, (const float(*)[3])s->f32, (const int32_t(*)[3])s->fx, s->count);
     assert_true(canopy_exact_check(&surrogate, &cloud, result));
     if (!canopy_exact_is_safe(result)) {
         fail_msg("seed %llu, kind %u, start %d, %s, side %d, %ux%u, Q %u: %llu wrong, margin %g of lsb %g",

@@ -47,7 +47,8 @@ struct canopy_certify {
     int32_t missing;       ///< … and by how much
 };
 
-/// Prepares to certify on `field`, which must be exact (else CANOPY_ARGUMENT).
+/// Prepares to certify on `field`, which must be exact (else CANOPY_ARGUMENT) and stays where it is. `arena`:
+/// CANOPY_CERTIFY_ARENA bytes, aligned to 8 (else CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN), as long as it is used.
 enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
                                        size_t bytes);
 

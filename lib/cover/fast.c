@@ -178,9 +178,9 @@ static void forget_column(const struct canopy_fast *fast, uint8_t *seen, uint32_
     }
 }
 
-// Finds what is free. Coverage and marks, a bit a coefficient each, stand where the lines' coefficients were, which took
-// at least four bytes for each. A column that has no coefficients, its cells having been cleared since the fit began or
-// filled since the lines were, is as one that nothing sees.
+// Finds what is free. Coverage and marks, a bit a coefficient each, stand where the lines' coefficients were, which
+// took at least four bytes for each. A column that has no coefficients, its cells having been cleared since the fit
+// began or filled since the lines were, is as one that nothing sees.
 static bool begin_free(struct canopy_fast *fast) {
     const uint16_t *size = fast->field->frame.size;
     uint8_t *coverage = (uint8_t *)fast->g, *seen = coverage + CANOPY_COVERAGE_BYTES(size[0], size[1]);

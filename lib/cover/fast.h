@@ -61,7 +61,10 @@ struct canopy_fast {
     uint32_t unsettled;      ///< lines and columns that did not end by themselves and were lifted
 };
 
-/// `lines` must divide the field's cells along u. The scalar picks the arithmetic of the solves, nothing else.
+/// Prepares fits of `field`, which stays where it is and is read at every step. `lines` must divide its cells along u.
+/// The scalar picks the arithmetic of the solves, nothing else. `arena`: CANOPY_FAST_ARENA bytes, aligned to 8, the
+/// fit's as long as it is used. CANOPY_ARGUMENT: `lines` is 0 or does not divide the cells; CANOPY_ARENA_SHORT,
+/// CANOPY_ARENA_ALIGN.
 enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canopy_field *field,
                                     enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes);
 

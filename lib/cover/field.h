@@ -92,7 +92,9 @@ struct canopy_field_patch {
     bool partly;      ///< the box reaches beyond the frame: only the part inside counts
 };
 
-/// Makes an empty field. cells: a knot interval in u and v, each 1 to CANOPY_CELLS_MAX and at most the pitch.
+/// Makes an empty field of a frame, which it copies. cells: a knot interval in u and v, each 1 to CANOPY_CELLS_MAX and
+/// at most the pitch (else CANOPY_ARGUMENT). `arena`: CANOPY_FIELD_ARENA bytes, aligned to 8 (else CANOPY_ARENA_SHORT,
+/// CANOPY_ARENA_ALIGN), the field's as long as it is used.
 enum canopy_status canopy_field_init(struct canopy_field *field, const struct canopy_frame *frame,
                                      const uint16_t cells[2], void *arena, size_t bytes);
 
