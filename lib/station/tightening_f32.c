@@ -1,5 +1,5 @@
-// The job that a station spends spare time on. It is part of the float path, hence the name; in soft float where there is
-// no hardware for it.
+// The job that a station spends spare time on. It is part of the float path, hence the name: in soft float where there
+// is no hardware for it.
 
 #include "lib/station/tightening.h"
 
