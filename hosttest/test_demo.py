@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -59,7 +60,10 @@ def assert_whole(build, output):
     assert surrogate["certificate"]["points"] == len(served)
     assert f"{len(served)}, every one of the {len(served)} valid readings served" in output
     assert "safe: " in output
-    assert (place / "picture.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    for picture in ("picture.png", "tight.png"):
+        assert (place / picture).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    device, tight = (float(gap) for gap in re.findall(r"^  gap +mean (\S+) %", output, re.M))
+    assert tight <= device
     assert children_of(build) == []
     return surrogate, served
 

@@ -5,9 +5,9 @@ Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux] [--scene POINTS] [--
 
 A scanner simulator sweeps the scene profile by profile and serves it over Modbus; the device (the firmware on an
 emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. In the end the
-envelope that the PLC holds is checked against every reading the simulator has served, and drawn. Everything is left in
-BUILD/demo. Exit status: 0 the PLC's envelope is safe; 1 anything else, with one line that says what, where, and what
-to do.
+envelope that the PLC holds is checked against every reading the simulator has served, and drawn; then beside what the
+tight method makes of the same readings on a host. Everything is left in BUILD/demo. Exit status: 0 the PLC's envelope is
+safe; 1 anything else, with one line that says what, where, and what to do.
 """
 
 import argparse
@@ -352,14 +352,26 @@ def check(surrogate, served_file):
     return output
 
 
-def draw(surrogate, served_file, to):
-    status, output = run("canopy plot", [BUILD / "host" / "canopy", "plot", surrogate, served_file, "-o", to])
+def draw(surrogates, served_file, to):
+    status, output = run("canopy plot", [BUILD / "host" / "canopy", "plot", *surrogates, served_file, "-o", to])
     if status != 0:
         raise Failure(f"canopy plot: {output}: tools/setup demo")
 
 
-def report(envelope, served, verdict, seconds):
+def fit_tight(envelope, surrogate, served_file, to):
+    """What a host makes of the same readings in the same frame, with all the time it wants: its line."""
+    status, output = run("canopy fit", [BUILD / "host" / "canopy", "fit", served_file, "--method", "tight",
+                                        "--grid", f"{envelope['grid_m']}x{envelope['grid_n']}", "--side",
+                                        envelope["side"], "--scalar", envelope["scalar"], "--frame", surrogate,
+                                        "-o", to])
+    if status != 0:
+        raise Failure(f"canopy fit --method tight: {output}: that is a defect of canopy")
+    return output
+
+
+def report(envelope, served, verdict, tight, seconds):
     gap = re.search(r"mean gap (\S+)% of [^,]*, max (\S+)%", verdict)
+    least = re.search(r"mean gap (\S+)% and max gap (\S+)%", tight)
     rows = [("grid", f"{envelope['grid_m']} x {envelope['grid_n']} coefficients, {envelope['scalar']}, "
                      f"{envelope['side']}, unit {envelope['unit']:.9g}"),
             ("sequence", f"{envelope['sequence']} publications"),
@@ -372,6 +384,8 @@ def report(envelope, served, verdict, seconds):
     print(f"\nWhat the PLC read, from registers alone, after {seconds:.0f} s:")
     for name, value in rows:
         print(f"  {name:9} {value}")
+    print("\nWhat --method tight makes of the same readings on this machine, with as many coefficients:\n"
+          "  gap       mean {:.2f} %, largest {:.1f} %".format(*map(float, least.groups())))
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -404,7 +418,8 @@ def play(arguments, children):
     device.begin(scanner.device)
     plc = Plc(children, device.plc_url)
     served = sweep(scanner, plc, device, children)
-    surrogate, picture = place / "surrogate.json", place / "picture.png"
+    surrogate, tight = place / "surrogate.json", place / "tight.json"
+    picture, comparison = place / "picture.png", place / "tight.png"
     envelope = plc.read(served, scanner.profiles, surrogate)
     device.check()
     if envelope["points"] != served:
@@ -412,9 +427,12 @@ def play(arguments, children):
                       f"defect of canopy; see {shown(place)}")
     children.stop()
     verdict = check(surrogate, scanner.served_file)
-    report(envelope, served, verdict, time.monotonic() - began)
-    draw(surrogate, scanner.served_file, picture)
-    print(f"\n  surrogate {shown(surrogate)}\n  readings  {shown(scanner.served_file)}\n  picture   {shown(picture)}")
+    seconds = time.monotonic() - began
+    report(envelope, served, verdict, fit_tight(envelope, surrogate, scanner.served_file, tight), seconds)
+    draw([surrogate], scanner.served_file, picture)
+    draw([surrogate, tight], scanner.served_file, comparison)
+    print(f"\n  surrogate {shown(surrogate)}\n  readings  {shown(scanner.served_file)}\n  picture   {shown(picture)}"
+          f"\n  and tight {shown(comparison)} ({shown(tight)})")
 
 
 def main():

@@ -92,8 +92,10 @@ def proof_line(view):
     texts = []
     for name, s in zip("AB" if view.comparison else ("above", "below"), view.surfaces):
         c = s.certificate
-        text = f"proved for {c['points']:,.0f} point{'s' * (c['points'] != 1)}, margin {number(c['margin'] * s.unit)}" if c else \
-            "the file has no certificate"
+        text = "the file has no certificate"
+        if c:
+            points = f"{c['points']:,.0f} point{'s' * (c['points'] != 1)}"
+            text = f"proved for {points}, margin {number(c['margin'] * s.unit)}"
         texts.append(text if len(view.surfaces) == 1 else f"{name}: {text}")
     return "; ".join(dict.fromkeys(texts))
 

@@ -272,6 +272,7 @@ static bool find_script(char path[PATH_MAX], struct canopy_fault *fault) {
 
 static void run_script(const struct arguments *a, const char *script, const char *to, const struct wording *wording) {
     const char *const words[] = {PYTHON,
+                                 "-B",
                                  "-W",
                                  "ignore",
                                  script,

@@ -30,7 +30,7 @@ def margin(ends):
 
 
 def draw_marks(axes, view, which=0, worst=None):
-    """What all maps show: outline, windows, the frame, the cross-section, the worst place. Returns a legend's entries."""
+    """What all maps show: outline, windows, the cross-section, the worst place. Returns a legend's entries."""
     s, entries = view.surfaces[which], []
     edges = s.outline()
     if len(edges):
@@ -65,8 +65,8 @@ def legend(axes, entries, blank=True):
     if blank:
         entries = [*entries, Patch(fc=UNCOVERED, ec="0.7", label=blank)]
     below = axes.transAxes + ScaledTranslation(0, -0.5, axes.figure.dpi_scale_trans)  # half an inch: the ticks' labels
-    axes.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=below, ncol=2, fontsize=8,
-                frameon=False, handlelength=2.2, columnspacing=1.5)
+    axes.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=below, ncol=2,
+                fontsize=8, frameon=False, handlelength=2.2, columnspacing=1.5)
 
 
 def draw_image(axes, view, values, colours, low, high):
@@ -179,7 +179,8 @@ def draw_trim(axes, view, which=0):
         cells = np.argwhere(cut)
         corner = cells + np.stack([high_u[cut], high_v[cut]], axis=1).astype(int)
         ends = (2 * cells + 1 - corner)  # the corner opposite to the covered one
-        triangles = np.stack([corner, np.stack([ends[:, 0], corner[:, 1]], 1), np.stack([corner[:, 0], ends[:, 1]], 1)], 1)
+        others = [np.stack([ends[:, 0], corner[:, 1]], 1), np.stack([corner[:, 0], ends[:, 1]], 1)]
+        triangles = np.stack([corner, *others], 1)
         if len(triangles):
             x, y = view.place(triangles[..., 0], triangles[..., 1])
             axes.add_collection(PolyCollection(np.stack([x, y], axis=-1), facecolors="#8ec1e0", edgecolors="none"))

@@ -39,7 +39,8 @@ class Section:
     def where(self):
         s = self.view.frame
         if self.axis is None:
-            a, b = ([self.view.axes[k].text(float(s.along(k, p[k]))) for k in (0, 1)] for p in (self.start, self.start + self.way))
+            a, b = ([self.view.axes[k].text(float(s.along(k, p[k]))) for k in (0, 1)]
+                    for p in (self.start, self.start + self.way))
             return f"from A ({', '.join(a)}) to B ({', '.join(b)})"
         other = 1 - self.axis
         return f"at {s.axis_name(other)} = {self.view.axes[other].text(float(s.along(other, self.start[other])))}"
@@ -144,8 +145,8 @@ def draw(axes, view):
         axes.annotate(letter, (side, 1.0), xycoords="axes fraction", xytext=(0, 5), textcoords="offset points",
                       ha="center", fontsize=9, bbox=dict(boxstyle="circle,pad=0.15", fc="white", ec="black", lw=0.8))
     axes.legend(loc="center left", bbox_to_anchor=(1.005, 0.5), fontsize=9, frameon=False, markerscale=1.6)
-    why = "" if view.chosen or not view.worst else ", through " + (
-        "the thickest place" if view.sandwich else "the largest gap" if view.cloud is not None else "the largest change")
+    what = "thickest place" if view.sandwich else "largest gap" if view.cloud is not None else "largest change"
+    why = f", through the {what}" if view.worst and not view.chosen else ""
     axes.set_title(f"cross-section {section.where()}{why}", fontsize=11)
 
 

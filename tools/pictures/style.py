@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 
-# Colours that the colour-blind tell apart (M. Okabe, K. Ito, 2008); maps are viridis, cividis and PuOr for the same reason
+# Colours that the colour-blind tell apart (M. Okabe, K. Ito, 2008); maps are viridis, cividis and PuOr for that too
 SURFACES = ("#0072b2", "#009e73")
 POINT, LINE, WINDOW, WORST = "#d55e00", "#000000", "#cc79a7", "#d55e00"
 UNCOVERED, COVERED = "#e5e5e5", "#cfe3f1"
