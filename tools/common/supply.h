@@ -28,8 +28,9 @@ struct canopy_supply canopy_supply_of(const struct canopy_device_list *list);
 
 static inline bool canopy_supply_is_held(const struct canopy_supply *supply) { return supply->list.points != NULL; }
 
-/// A pass over all points, as canopy_flow_file makes it; flow->threads is the supply's business. A file whose points
-/// are not those that it had at first, bit for bit, is a fault: what is proved is proved of what was read.
+/// A pass over all points, as canopy_flow_file makes it, with as many threads as the supply may use, or flow->threads
+/// where that is less and not 0. A file whose points are not those that it had at first, bit for bit, is a fault: what
+/// is proved is proved of what was read.
 bool canopy_supply_pass(const struct canopy_supply *supply, const struct canopy_flow *flow, struct canopy_fault *fault);
 
 /// Reads the points of a file into memory after all: 12 bytes a point.
