@@ -221,9 +221,11 @@ endif
 # ---------------------------------------------------------------------------------------------------------------------
 # Whole runs: scripts of tools/ that take what has been built
 
-.PHONY: demo bench
+.PHONY: demo pictures bench
 demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
+pictures: tools | setup-demo  ## draw the README's pictures anew: build/pictures/*.png; docs/pictures has copies
+	@BUILD=$(BUILD) tools/readme_pictures.sh $(BUILD)/pictures
 bench: $(HOST)/canopy-bench $(HOST)/canopy-tightness $(HOST)/canopy-bench-alglib $(HOST)/canopy-bench-alphawrap $(if $(FW),$(patsubst %,$(FW)/%.elf,cycles belt sandwich ray query) $(FW_STATIONS)) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
 	@BUILD=$(BUILD) $(PYTHON) tools/bench/bench.py $(BENCH)
 
