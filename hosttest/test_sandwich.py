@@ -52,6 +52,7 @@ def difference_is_nowhere_negative(files, per_cell=3):
 OPTIONS = [(), ("--scalar", "fx"), ("--field", "4"), ("--field", "5", "--scalar", "fx"), ("--method", "tight"),
            ("--method", "tight", "--scalar", "fx"), ("--method", "tight", "--field", "4"), ("--field", "6", "--packed"),
            ("--dir", "1,2,3"), ("--dir", "0.3,-0.2,-1", "--method", "tight"),
+           ("--dir=-0.800533,-0.925262,0.79264",),
            ("--dir", "0.3,-0.2,-1", "--scalar", "fx", "--field", "3"), ("--unit", "0.25")]
 
 
@@ -77,6 +78,7 @@ def test_both_are_safe_and_never_cross(tmp_path, scene, options):  # noqa: F811
 @pytest.mark.parametrize("scalar", ["f32", "fx"])
 @pytest.mark.parametrize("name, points", [
     ("one point", [(3.5, -2.25, 7.125)]),
+    ("one point far from zero", [(3292.97912, 7801.01409, 3.9868995)]),
     ("one column", [(1, 1, z / 7) for z in range(300)]),
     ("flat", [(x / 10, y / 10, 4) for x in range(20) for y in range(20)]),
     ("one plane", [(x / 8, y / 8, x / 2 + y / 4) for x in range(20) for y in range(20)]),
@@ -199,6 +201,11 @@ def test_bad_points_leave_nothing_behind(tmp_path, text, words):
     file.write_text(text)
     refused(canopy("sandwich", file, "--grid", "8x8", "-o", tmp_path / "pair"), *words)
     assert left_behind(tmp_path, "scene.xyz")
+
+
+def test_the_name_may_end_as_the_files_do(tmp_path, scene):  # noqa: F811
+    done = canopy("sandwich", scene, "--grid", "8x8", "-o", tmp_path / "pair.json")
+    assert done.returncode == 0 and left_behind(tmp_path, "scene.xyz", "pair.above.json", "pair.below.json")
 
 
 def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, scene):  # noqa: F811

@@ -45,6 +45,9 @@ bool canopy_framing_own(const struct canopy_turned *turned, const struct canopy_
         status = grow(turned->scalar, frame->quantum_log2, quanta, &low, &high)
                      ? frame_around(turned->scalar, grid, &low, &high, frame)
                      : CANOPY_RANGE;
+        // Publishing moves the origin by up to a quantum. Of points at one height a step would be so much finer that
+        // coefficients would not be whole in a double any more.
+        frame->lsb_log2 = frame->lsb_log2 < -CANOPY_RANGE_LOG2 ? -CANOPY_RANGE_LOG2 : frame->lsb_log2;
     }
     return status == CANOPY_OK ||
            canopy_fault_set(fault,
