@@ -759,6 +759,8 @@ def test_help_is_the_manual():
         assert done.stdout.startswith(f"Usage: canopy {command}")
         for word in words:
             assert word in done.stdout
+        assert canopy("help", command).stdout == done.stdout
+    assert "'fly' is not a command" in canopy("help", "fly").stderr
     assert "canopy COMMAND --help" in canopy("--help").stdout
 
 

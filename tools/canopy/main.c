@@ -37,8 +37,9 @@ static void print_help(FILE *to) {
         fprintf(to, "  %-9s %s\n", COMMANDS[i].name, COMMANDS[i].what);
     }
     fprintf(to,
-            "\n`canopy COMMAND --help` is the manual of a command. Exit status: 0 done, 1 not safe (check),\n"
-            "2 bad input (one line on standard error says where and what to do), 64 wrong usage.\n"
+            "\n`canopy COMMAND --help` is the manual of a command. Exit status: 0 done, 1 not safe (check) or\n"
+            "crossing (sandwich --check), 2 bad input (one line on standard error says where and what to do),\n"
+            "64 wrong usage.\n"
             "What a file holds and what an option is given as numbers is input: wrong numbers are status 2. Unknown\n"
             "options, words that an option does not have, and what is missing are wrong usage.\n");
 }
@@ -63,8 +64,14 @@ static bool is_help(const char *word) {
     return strcmp(word, "--help") == 0 || strcmp(word, "-h") == 0 || strcmp(word, "-?") == 0;
 }
 
+static char HELP[] = "--help";
+
 int main(int argc, char **argv) {
     argp_err_exit_status = CANOPY_EXIT_USAGE;
+    if (argc >= 3 && strcmp(argv[1], "help") == 0) {
+        argv[1] = argv[2];
+        argv[2] = HELP;
+    }
     if (argc >= 2 && (is_help(argv[1]) || strcmp(argv[1], "help") == 0)) {
         print_help(stdout);
         return finish(CANOPY_EXIT_OK);
@@ -79,8 +86,7 @@ int main(int argc, char **argv) {
             snprintf(name, sizeof name, "canopy %s", COMMANDS[i].name);
             argv[1] = name;
             if (argc >= 3 && is_help(argv[2])) {
-                static char help[] = "--help";  // argp knows no -h
-                argv[2] = help;
+                argv[2] = HELP;  // argp knows no -h
             }
             return finish(COMMANDS[i].run(argc - 1, argv + 1));
         }
