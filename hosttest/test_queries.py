@@ -482,8 +482,8 @@ BAD = {
     ("volume", "--height=1", "--window=-9,1,0,1"): "beyond the frame",
     ("regrid", "--grid=3x9", "-o", "out.json"): "--grid", ("regrid", "--grid=5x2000", "-o", "out.json"): "--grid",
     ("regrid", "--grid=seven", "-o", "out.json"): "--grid",
-    ("regrid", "--grid=5x5", "--box=0,1,5,2", "-o", "out.json"): "--box",
-    ("regrid", "--grid=5x5", "--box=0,1,5,200", "-o", "out.json"): "--box",
+    ("regrid", "-g5x5", "--box=0,1,5,2", "-o", "out.json"): "--box 0,1,5,2: give",
+    ("regrid", "--grid=5x5", "--box=0,1,5,200", "-o", "out.json"): "--box 0,1,5,200: it reaches beyond the frame",
     ("regrid", "--grid=5x5", "-o", "nowhere/out.json"): "nowhere/out.json",
 }
 

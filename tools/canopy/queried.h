@@ -48,6 +48,7 @@ double canopy_queried_scale(struct canopy_queried *const queried[], size_t count
 
 struct canopy_queried_options {
     const char *window;
+    const char *name;  ///< of the option that gives the window, for faults; NULL: window
     const char *budget;
     bool covered;
 };

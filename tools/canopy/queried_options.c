@@ -37,7 +37,12 @@ const struct argp canopy_queried_window_argp = {.options = WINDOW_OPTIONS, .pars
 static const struct argp_child WITH_WINDOW[] = {{&canopy_queried_window_argp, 0, NULL, 0}, {0}};
 const struct argp canopy_queried_argp = {.options = BUDGET_OPTIONS, .parser = parse_budget, .children = WITH_WINDOW};
 
-static bool read_window(const char *text, double edges[4], struct canopy_fault *fault) {
+static const char *option_name(const struct canopy_queried_options *options) {
+    return options->name ? options->name : "window";
+}
+
+static bool read_window(const struct canopy_queried_options *options, double edges[4], struct canopy_fault *fault) {
+    const char *text = options->window;
     int used = 0;
     bool ok =
         sscanf(text, "%lf,%lf,%lf,%lf%n", &edges[0], &edges[1], &edges[2], &edges[3], &used) == 4 && text[used] == '\0';
@@ -45,7 +50,7 @@ static bool read_window(const char *text, double edges[4], struct canopy_fault *
         ok = isfinite(edges[k]);
     }
     return (ok && edges[0] <= edges[1] && edges[2] <= edges[3]) ||
-           canopy_fault_set(fault, "--window %s: give U0,U1,V0,V1 with U0 <= U1 and V0 <= V1", text);
+           canopy_fault_set(fault, "--%s %s: give U0,U1,V0,V1 with U0 <= U1 and V0 <= V1", option_name(options), text);
 }
 
 /// An edge in quanta of the question, rounded outward and clipped where rounding alone puts it outside the frame.
@@ -83,7 +88,7 @@ bool canopy_queried_window(const struct canopy_queried *queried, const struct ca
         return true;
     }
     const struct canopy_query_rect whole = *rect;
-    if (!read_window(options->window, edges, fault)) {
+    if (!read_window(options, edges, fault)) {
         return false;
     }
     const struct canopy_surrogate *s = &queried->surrogate;
@@ -95,8 +100,9 @@ bool canopy_queried_window(const struct canopy_queried *queried, const struct ca
     double low[2] = {0.0, 0.0}, high[2] = {0.0, 0.0};
     canopy_queried_place(queried, whole.low, low);
     canopy_queried_place(queried, whole.high, high);
-    return inside || canopy_fault_set(fault,
-                                      "--window %s: it reaches beyond the frame of %s: give one within "
-                                      "%.10g,%.10g,%.10g,%.10g",
-                                      options->window, queried->path, low[0], high[0], low[1], high[1]);
+    return inside ||
+           canopy_fault_set(fault,
+                            "--%s %s: it reaches beyond the frame of %s: give one within "
+                            "%.10g,%.10g,%.10g,%.10g",
+                            option_name(options), options->window, queried->path, low[0], high[0], low[1], high[1]);
 }

@@ -22,16 +22,15 @@ static const char DOC[] =
     "spline with more knots: it differs by less than two steps of the file, but for the outermost knot intervals, "
     "where the rule for the coefficients outside the grid makes it differ by up to 1/48 of what neighbouring "
     "coefficients differ. Every other grid is fitted: above the highest that the old surface can be over each cell of "
-    "a "
-    "field (see `canopy window`), and proved so. Coarser grids lose tightness as any fit does.\n\n"
+    "a field (see `canopy window`), and proved so. Coarser grids lose tightness as any fit does.\n\n"
     "Prints one line: the grids, how the new one was made and how far it stands from the old one in the mean, in "
     "input units.\n\n"
     "Exit status: 0; 2 for bad input, with one line that says what to do, and no output file; 64 for wrong usage.";
 
-enum { GRID = 256, BOX, METHOD };
+enum { BOX = 256, METHOD };
 
 static const struct argp_option OPTIONS[] = {
-    {"grid", GRID, "MxN", 0, "coefficients along U and V, 4x4 to 1024x1024", 0},
+    {"grid", 'g', "MxN", 0, "coefficients along U and V, 4x4 to 1024x1024 (required)", 0},
     {"box", BOX, "U0,U1,V0,V1", 0, "cover this part of the frame only, in input units along the surrogate's axes", 0},
     {"method", METHOD, "fast|tight", 0, "how to fit where the grid is not a finer one: see `canopy fit --help`", 0},
     {"output", 'o', "OUT.json", 0, "write the surrogate here; without it only the line is printed", 0},
@@ -46,8 +45,11 @@ struct arguments {
 static error_t parse(int key, char *text, struct argp_state *state) {
     struct arguments *a = state->input;
     switch (key) {
-    case GRID: a->grid = text; return 0;
-    case BOX: a->box.window = text; return 0;
+    case 'g': a->grid = text; return 0;
+    case BOX:
+        a->box.window = text;
+        a->box.name = "box";
+        return 0;
     case METHOD: a->tight = canopy_wish_word(state, "method", text, "fast", "tight") == 1; return 0;
     case 'o': a->output = text; return 0;
     case ARGP_KEY_ARG:
@@ -58,7 +60,7 @@ static error_t parse(int key, char *text, struct argp_state *state) {
         return 0;
     case ARGP_KEY_END:
         if (!a->path || !a->grid) {
-            argp_error(state, "give a surrogate and --grid");
+            argp_error(state, "give a surrogate and --grid MxN");
         }
         return 0;
     default: return ARGP_ERR_UNKNOWN;
@@ -191,8 +193,7 @@ static bool axes_are_straight(const struct canopy_surrogate *s) {
 static bool find_box(const struct job *job, const struct canopy_frame *frame, struct canopy_query_rect *box) {
     struct canopy_query_rect asked;
     if (!canopy_queried_window(job->old, &job->arguments->box, &asked, job->fault)) {
-        return canopy_fault_set(job->fault, "--box %s: give U0,U1,V0,V1 within the frame, as canopy window shows it",
-                                job->arguments->box.window);
+        return false;
     }
     for (int axis = 0; axis < 2; axis++) {
         const uint64_t pitch = frame->pitch[axis];
