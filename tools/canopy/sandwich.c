@@ -28,7 +28,10 @@ static const char DOC[] =
 enum { CHECK = 256 };
 
 static const struct argp_option OPTIONS[] = {
-    {"output", 'o', "OUT", 0, "write OUT.above.json and OUT.below.json; without it only the lines are printed", 0},
+    {"output", 'o', "OUT", 0,
+     "write OUT.above.json and OUT.below.json (OUT may end in .json, which is left out); without it only the lines are "
+     "printed",
+     0},
     {"check", CHECK, "ABOVE.json", 0,
      "fit nothing: do this surrogate and the one that stands in place of POINTS cross?", 0},
     {0}};
@@ -118,14 +121,17 @@ static bool check(const struct arguments *a, bool *apart, struct canopy_fault *f
 // ---------------------------------------------------------------------------------------------------------------------
 // From points
 
-/// OUT.above.json and OUT.below.json.
+/// OUT.above.json and OUT.below.json, also of OUT.json, which is how the other commands are told a name.
 struct names {
     char *text[2];
 };
 
 static bool make_names(const char *output, struct names *names, struct canopy_fault *fault) {
     static const char *const ENDS[2] = {".above.json", ".below.json"};
-    const size_t length = output ? strlen(output) : 0;
+    size_t length = output ? strlen(output) : 0;
+    if (length > 5 && strcmp(output + length - 5, ".json") == 0 && output[length - 6] != '/') {
+        length -= 5;
+    }
     for (int side = 0; output && side < 2; side++) {
         names->text[side] = malloc(length + strlen(ENDS[side]) + 1);
         if (!names->text[side]) {
