@@ -22,7 +22,8 @@ static const char DOC[] =
     "takes in half of each cell at a staircase of covered ones. 17 significant digits; the error of double arithmetic "
     "is below 1e-12 "
     "of the largest coefficient. Points are rounded as the device receives them first (see `canopy check --help`, also "
-    "for the formats of POINTS).\n\n"
+    "for the formats of POINTS: they have three columns, also where the height of a point, as with axes along x, y, z, "
+    "does not matter; give 0).\n\n"
     "With --normals a line is `HEIGHT GU GV NX NY NZ`: the gradient, height per length along the surrogate's first and "
     "second axis, and the unit normal in the coordinates of the input, on the side of the third axis.\n\n"
     "Exit status: 0, or 2 for bad input (nothing is printed after a fault, what was printed before it stands).";

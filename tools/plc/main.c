@@ -56,9 +56,9 @@ static const struct argp_option table[] = {
 
 static const char manual[] =
     "Reads a canopy device as a PLC does. URL is rtu:DEVICE,BAUD,8E1,UNIT or tcp:HOST:PORT.\n\n"
-    "  read    reads one whole envelope under one sequence number and writes it as a surrogate file\n"
-    "  status  prints every register that is no coefficient\n"
-    "  watch   prints a line now and then"
+    "  read    one whole envelope under one sequence number, to a surrogate file\n"
+    "  status  every register that is no coefficient\n"
+    "  watch   a line now and then"
     "\vExit status: 0 done, 1 the device did not give it in time, 2 bad input (one line on standard error, no output "
     "file), 64 wrong usage.";
 

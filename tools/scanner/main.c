@@ -67,7 +67,8 @@ static const struct argp_option table[] = {
     {NULL, 0, NULL, 0, "The sweep:", 2},
     {"profiles", KEY_PROFILES, "N", 0, "lines across the scene (the points' own lattice, or what suits their number)",
      2},
-    {"columns", KEY_COLUMNS, "N", 0, "readings a profile, at most 4096 (likewise, at most 488)", 2},
+    {"columns", KEY_COLUMNS, "N", 0,
+     "readings a profile, at most 4096 (the points' own lattice, or what suits their number, at most 488)", 2},
     {"unit", KEY_UNIT, "U", 0, "input units a device unit (the power of ten that gives the extent 10^5 to 10^6)", 2},
     {"rate", KEY_RATE, "HZ", 0,
      "a new profile HZ times a second, read or not; without it the next one comes when the master has read all of the "
@@ -104,7 +105,8 @@ static const struct argp_option table[] = {
     {0}};
 
 static const char manual[] =
-    "Sweeps POINTS (.xyz, .csv, .ply or - for standard input) like a laser line scanner and serves the profiles on the "
+    "Sweeps POINTS (a file as `canopy fit` takes it, or - for standard input) like a laser line scanner and serves the "
+    "profiles on the "
     "generic profile map over real Modbus."
     "\vPrints 'rtu DEVICE' and 'tcp HOST:PORT' as it has them, then 'scene …' and 'ready' on standard output. Serves "
     "until SIGINT or SIGTERM, also after the sweep is over; then says on standard error how many readings it served. "
