@@ -127,8 +127,8 @@ def test_a_comparison(tmp_path, scene):  # noqa: F811
     assert float(mean.group(1)) > float(mean.group(2)) > 0
     says(read(tmp_path, fast, tight), "B above A: from")
     says(read(tmp_path, fast, tight, show="section"), "through the largest change")
-    for show, count in (("surface", 2), ("trim", 2)):
-        assert read(tmp_path, fast, tight, scene, show=show).count(PANELS[show]) == count
+    assert read(tmp_path, fast, tight, scene, show="trim").count(PANELS["trim"]) == 2
+    assert read(tmp_path, fast, tight, show="surface").count(PANELS["surface"]) == 2
 
 
 def test_where_the_cross_section_is(tmp_path, scene):  # noqa: F811
@@ -167,7 +167,7 @@ def test_scenes_of_all_kinds(tmp_path, name, points, grid, options, expected):
     path = write_points(tmp_path / "points.xyz", points)
     out, _ = fit(tmp_path, path, *options, grid=grid)
     says(read(tmp_path, out, path), *expected)
-    if name in ("one point", "flat", "tiny", "a large grid"):
+    if name in ("one point", "a large grid"):
         says(read(tmp_path, out, path, show="all"), "seen from above",
              "also where there is no data" if name == "a large grid" else "cross-section")
 

@@ -23,5 +23,7 @@ import sys
 from PIL import Image
 for name in ("fast-and-tight", "sandwich"):
     path = f"{sys.argv[1]}/{name}.png"
-    Image.open(path).convert("RGB").quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)
+    picture = Image.open(path).convert("RGB")
+    picture = picture.quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    picture.save(path, optimize=True)
 END

@@ -150,7 +150,7 @@ class View:
 class Lattice:
     """A surface at evenly spread knots, nan where it is not covered."""
 
-    def __init__(self, surface, steps=161):
+    def __init__(self, surface, steps=129):
         m, n = surface.size
         self.u, self.v = np.meshgrid(np.linspace(0, m - 1, steps), np.linspace(0, n - 1, steps), indexing="ij")
         self.z = np.where(surface.covered(self.u, self.v), surface.height(self.u, self.v), np.nan)
