@@ -36,13 +36,7 @@ static void result(const char *scene, const char *name, uint64_t value) {
     print_result(name, (int64_t)value);
 }
 
-static void must(enum canopy_status status, const char *what) {
-    if (status != CANOPY_OK) {
-        print_text(what);
-        print_text("\n");
-        canopy_semihosting_exit(false);
-    }
-}
+static void must(enum canopy_status status, const char *what) { print_must(status == CANOPY_OK, what); }
 
 static void feed_row(int32_t (*height)(uint32_t x, uint32_t y), uint32_t row) {
     for (uint32_t p = row * PROFILES; p < (row + 1) * PROFILES; p++) {

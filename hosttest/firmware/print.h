@@ -2,10 +2,12 @@
 #ifndef CANOPY_HOSTTEST_FIRMWARE_PRINT_H
 #define CANOPY_HOSTTEST_FIRMWARE_PRINT_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #include "port/cortexm/fault.h"
+#include "port/cortexm/semihosting.h"
 
 static inline void print_text(const char *text) {
     while (*text != '\0')
@@ -32,6 +34,15 @@ static inline void print_result(const char *name, int64_t value) {
     print_text(" ");
     print_number(value);
     print_text("\n");
+}
+
+/// Ends the image as failed, saying what went wrong, unless all is well.
+static inline void print_must(bool good, const char *what) {
+    if (!good) {
+        print_text(what);
+        print_text("\n");
+        canopy_semihosting_exit(false);
+    }
 }
 
 #endif

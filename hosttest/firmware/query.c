@@ -32,14 +32,6 @@ static struct canopy_envelope envelopes[2];
 static struct canopy_field field;
 static const char *scene;
 
-static void must(bool good, const char *what) {
-    if (!good) {
-        print_text(what);
-        print_text("\n");
-        canopy_semihosting_exit(false);
-    }
-}
-
 static void result(const char *name, const char *more, int64_t value) {
     print_text(scene);
     print_text("_");
@@ -55,24 +47,24 @@ static void fit(int32_t (*height)(uint32_t x, uint32_t y), int which) {
     const int32_t low[3] = {0, 0, 0}, high[3] = {STEP * (COLUMNS - 1), STEP * (PROFILES - 1), RANGE};
     const uint16_t cells[2] = {CELLS, CELLS};
     struct canopy_frame frame;
-    must(canopy_frame_around_fx(&frame, &grid, low, high) == CANOPY_OK &&
-             canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK &&
-             canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena) == CANOPY_OK,
-         "no field");
+    print_must(canopy_frame_around_fx(&frame, &grid, low, high) == CANOPY_OK &&
+                   canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK &&
+                   canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena) == CANOPY_OK,
+               "no field");
     for (uint32_t y = 0; y < PROFILES; y++) {
         for (uint32_t x = 0; x < COLUMNS; x++) {
             struct canopy_field_hit hit;
             const int32_t more = which == 0 ? 0 : (int32_t)(hash(x / 40, y / 40) % 401);
             const int32_t point[3] = {(int32_t)x * STEP, (int32_t)y * STEP, height(x, y) + more};
-            must(canopy_field_insert_fx(&field, point, &hit) == CANOPY_OK, "a point was refused");
+            print_must(canopy_field_insert_fx(&field, point, &hit) == CANOPY_OK, "a point was refused");
         }
     }
     (void)canopy_field_coverage(&field, coverage);
-    must(canopy_fast_begin(&fast, coefficients[which]) == CANOPY_OK, "no fit");
+    print_must(canopy_fast_begin(&fast, coefficients[which]) == CANOPY_OK, "no fit");
     enum canopy_status status;
     while ((status = canopy_fast_step(&fast, 1)) == CANOPY_MORE)
         ;
-    must(status == CANOPY_OK, "no fit");
+    print_must(status == CANOPY_OK, "no fit");
     envelopes[which] =
         (struct canopy_envelope){.frame = frame, .coefficients = coefficients[which], .coverage = coverage};
 }
@@ -91,7 +83,8 @@ static void measure_extreme(const char *name, const struct canopy_query_subject 
     static struct canopy_extreme_node nodes[CANOPY_EXTREME_NODES];
     static struct canopy_extreme search;
     uint64_t start = canopy_instructions();
-    must(canopy_extreme_begin(&search, subject, rect, kind, 2, nodes, CANOPY_EXTREME_NODES) == CANOPY_OK, "no search");
+    print_must(canopy_extreme_begin(&search, subject, rect, kind, 2, nodes, CANOPY_EXTREME_NODES) == CANOPY_OK,
+               "no search");
     uint64_t sum = canopy_instructions() - start;
     result(name, "_bound", (int64_t)sum);
     const uint32_t looks =
@@ -106,7 +99,7 @@ static void measure_extreme(const char *name, const struct canopy_query_subject 
     for (; status == CANOPY_MORE; cuts++)
         status = canopy_extreme_step(&search, 1);
     sum += canopy_instructions() - start;
-    must(status == CANOPY_OK, "no answer");
+    print_must(status == CANOPY_OK, "no answer");
     result(name, "_end", (int64_t)sum);
     result(name, "_end_looseness", looseness(&search));
     result(name, "_cuts", cuts);
@@ -116,14 +109,14 @@ static void measure_place(void) {
     struct canopy_query_point point;
     int32_t low, high;
     uint64_t start = canopy_instructions();
-    must(canopy_envelope_height(&envelopes[0], 5000, 4321, &low, &high) == CANOPY_OK, "no height");
+    print_must(canopy_envelope_height(&envelopes[0], 5000, 4321, &low, &high) == CANOPY_OK, "no height");
     result("eval", "", (int64_t)(canopy_instructions() - start));
     start = canopy_instructions();
-    must(canopy_query_at(&envelopes[0], 5000, 4321, &point) == CANOPY_OK, "no point");
+    print_must(canopy_query_at(&envelopes[0], 5000, 4321, &point) == CANOPY_OK, "no point");
     result("point", "", (int64_t)(canopy_instructions() - start));
     const struct canopy_query_subject change = {.surface = &envelopes[1], .minus = &envelopes[0]};
     start = canopy_instructions();
-    must(canopy_query_cell(&change, 7, 7, &low, &high) == CANOPY_OK, "no cell");
+    print_must(canopy_query_cell(&change, 7, 7, &low, &high) == CANOPY_OK, "no cell");
     result("cell", "", (int64_t)(canopy_instructions() - start));
 }
 
@@ -131,12 +124,12 @@ static void measure_volume(const char *name, const struct canopy_query_rect *rec
     const struct canopy_query_subject subject = {.surface = &envelopes[0]};
     static struct canopy_volume volume;
     const uint64_t start = canopy_instructions();
-    must(canopy_volume_begin(&volume, &subject, rect) == CANOPY_OK &&
-             canopy_volume_step(&volume, UINT32_MAX) == CANOPY_OK,
-         "no volume");
+    print_must(canopy_volume_begin(&volume, &subject, rect) == CANOPY_OK &&
+                   canopy_volume_step(&volume, UINT32_MAX) == CANOPY_OK,
+               "no volume");
     const struct canopy_volume_answer answer = canopy_volume_answer(&volume);
     result(name, "", (int64_t)(canopy_instructions() - start));
-    must(answer.low <= answer.high, "no bounds");
+    print_must(answer.low <= answer.high, "no bounds");
 }
 
 static void measure_regrid(void) {
@@ -146,19 +139,20 @@ static void measure_regrid(void) {
     struct canopy_envelope by_u = {.coefficients = half, .coverage = half_coverage};
     struct canopy_envelope by_v = {.coefficients = fine, .coverage = fine_coverage};
     uint64_t start = canopy_instructions();
-    must(canopy_regrid_halve(&envelopes[0], 0, &by_u) == CANOPY_OK && canopy_regrid_halve(&by_u, 1, &by_v) == CANOPY_OK,
-         "not halved");
+    print_must(canopy_regrid_halve(&envelopes[0], 0, &by_u) == CANOPY_OK &&
+                   canopy_regrid_halve(&by_u, 1, &by_v) == CANOPY_OK,
+               "not halved");
     result("halve", "", (int64_t)(canopy_instructions() - start));
     const struct canopy_query_rect whole = canopy_query_whole(&envelopes[0].frame);
     const struct canopy_grid grid = {.size = {COARSE, COARSE}, .cells = CELLS};
     const uint16_t cells[2] = {CELLS, CELLS};
     struct canopy_frame frame;
     start = canopy_instructions();
-    must(canopy_regrid_frame(&envelopes[0].frame, &whole, &grid, &frame) == CANOPY_OK &&
-             canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK,
-         "no field");
+    print_must(canopy_regrid_frame(&envelopes[0].frame, &whole, &grid, &frame) == CANOPY_OK &&
+                   canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK,
+               "no field");
     canopy_regrid_begin(&regrid, &envelopes[0], whole.low, 0, 2, &field);
-    must(canopy_regrid_step(&regrid, UINT32_MAX) == CANOPY_OK, "not filled");
+    print_must(canopy_regrid_step(&regrid, UINT32_MAX) == CANOPY_OK, "not filled");
     result("regrid", "", (int64_t)(canopy_instructions() - start));
 }
 

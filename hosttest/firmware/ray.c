@@ -23,14 +23,6 @@ static struct canopy_field field;
 static const char *scene;
 static uint32_t state = 1;
 
-static void must(bool good, const char *what) {
-    if (!good) {
-        print_text(what);
-        print_text("\n");
-        canopy_semihosting_exit(false);
-    }
-}
-
 static void result(const char *name, uint64_t value) {
     print_text(scene);
     print_text("_");
@@ -43,18 +35,18 @@ static void fit(int32_t (*height)(uint32_t x, uint32_t y)) {
     const int32_t low[3] = {0, 0, 0}, high[3] = {STEP * (COLUMNS - 1), STEP * (PROFILES - 1), RANGE};
     struct canopy_frame frame;
     const uint16_t cells[2] = {CELLS, CELLS};
-    must(canopy_frame_around_fx(&frame, &grid, low, high) == CANOPY_OK, "no frame");
-    must(canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK, "no field");
+    print_must(canopy_frame_around_fx(&frame, &grid, low, high) == CANOPY_OK, "no frame");
+    print_must(canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK, "no field");
     for (uint32_t y = 0; y < PROFILES; y++) {
         for (uint32_t x = 0; x < COLUMNS; x++) {
             const int32_t point[3] = {(int32_t)x * STEP, (int32_t)y * STEP, height(x, y)};
             struct canopy_field_hit hit;
-            must(canopy_field_insert_fx(&field, point, &hit) == CANOPY_OK, "a point was refused");
+            print_must(canopy_field_insert_fx(&field, point, &hit) == CANOPY_OK, "a point was refused");
         }
     }
-    must(canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena) == CANOPY_OK &&
-             canopy_fast_begin(&fast, coefficients) == CANOPY_OK,
-         "no fit");
+    print_must(canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena) == CANOPY_OK &&
+                   canopy_fast_begin(&fast, coefficients) == CANOPY_OK,
+               "no fit");
     while (canopy_fast_step(&fast, 1) == CANOPY_MORE) {}
     envelope = (struct canopy_envelope){.frame = frame, .scalar = CANOPY_FX, .coefficients = coefficients};
 }
@@ -69,7 +61,7 @@ static uint64_t cast(const int64_t from[3], const int32_t along[3], struct canop
     const uint64_t start = canopy_instructions();
     const enum canopy_status status = canopy_ray_first_fx(&envelope, from, along, hit);
     const uint64_t taken = canopy_instructions() - start;
-    must(status == CANOPY_OK, "a ray was refused");
+    print_must(status == CANOPY_OK, "a ray was refused");
     return taken;
 }
 
@@ -100,11 +92,11 @@ static void measure_scene(int32_t (*height)(uint32_t x, uint32_t y)) {
                   right[3] = {wide, 9000, 3 * RANGE};
     const int32_t down[3] = {0, 0, -1};
     result("plumb", cast(over, down, &hit));
-    must(hit.outcome == CANOPY_RAY_HIT, "a plumb line misses");
+    print_must(hit.outcome == CANOPY_RAY_HIT, "a plumb line misses");
     const uint64_t start = canopy_instructions();
     const bool is_free = canopy_ray_is_free_fx(&envelope, left, right, &hit);
     result("free", canopy_instructions() - start);
-    must(is_free, "a segment above everything is not free");
+    print_must(is_free, "a segment above everything is not free");
 }
 
 int main(void) {

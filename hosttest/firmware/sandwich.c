@@ -24,14 +24,6 @@ static struct canopy_sandwich sandwich;
 static int32_t upper[N * N], lower[N * N];
 static const char *scene;
 
-static void must(bool good, const char *what) {
-    if (!good) {
-        print_text(what);
-        print_text("\n");
-        canopy_semihosting_exit(false);
-    }
-}
-
 static void result(const char *name, int64_t value) {
     print_text(scene);
     print_text("_");
@@ -45,16 +37,16 @@ static void fill(int32_t (*height)(uint32_t x, uint32_t y)) {
     for (uint8_t side = 0; side < 2; side++) {
         const struct canopy_grid grid = {.size = {N, N}, .cells = CELLS, .side = side};
         struct canopy_frame frame;
-        must(canopy_frame_around_fx(&frame, &grid, low, high) == CANOPY_OK &&
-                 canopy_field_init(&fields[side], &frame, cells, arenas[side], sizeof above_arena) == CANOPY_OK,
-             "no field");
+        print_must(canopy_frame_around_fx(&frame, &grid, low, high) == CANOPY_OK &&
+                       canopy_field_init(&fields[side], &frame, cells, arenas[side], sizeof above_arena) == CANOPY_OK,
+                   "no field");
     }
     uint64_t sum = 0;
     for (uint32_t y = 0; y < PROFILES; y++) {
         for (uint32_t x = 0; x < COLUMNS; x++) {
             const int32_t point[1][3] = {{(int32_t)x * STEP, (int32_t)y * STEP, height(x, y)}};
             const uint64_t start = canopy_instructions();
-            must(canopy_sandwich_feed_fx(&fields[0], &fields[1], point, 1) == 0, "a point was refused");
+            print_must(canopy_sandwich_feed_fx(&fields[0], &fields[1], point, 1) == 0, "a point was refused");
             sum += canopy_instructions() - start;
         }
     }
@@ -65,29 +57,30 @@ static void measure_one(void) {
     struct canopy_fast *fast = &sandwich.fast;
     struct canopy_certify *certify = &sandwich.certify;
     const uint64_t start = canopy_instructions();
-    must(canopy_fast_init(fast, &fields[0], CANOPY_FX, 1, arena, sizeof arena) == CANOPY_OK &&
-             canopy_fast_begin(fast, upper) == CANOPY_OK,
-         "no fit");
+    print_must(canopy_fast_init(fast, &fields[0], CANOPY_FX, 1, arena, sizeof arena) == CANOPY_OK &&
+                   canopy_fast_begin(fast, upper) == CANOPY_OK,
+               "no fit");
     while (canopy_fast_step(fast, 1) == CANOPY_MORE)
         ;
-    must(canopy_certify_init(certify, &fields[0], arena, sizeof arena) == CANOPY_OK, "no certificate");
+    print_must(canopy_certify_init(certify, &fields[0], arena, sizeof arena) == CANOPY_OK, "no certificate");
     canopy_certify_begin(certify, upper);
-    must(canopy_certify_step(certify, UINT32_MAX) == CANOPY_OK, "not safe");
+    print_must(canopy_certify_step(certify, UINT32_MAX) == CANOPY_OK, "not safe");
     result("one", (int64_t)(canopy_instructions() - start));
 }
 
 static void measure_both(void) {
     uint64_t sum = 0, longest = 0, check = 0;
     int64_t steps = 0;
-    must(canopy_sandwich_init(&sandwich, &fields[0], &fields[1], CANOPY_FX, 1, arena, sizeof arena) == CANOPY_OK &&
-             canopy_sandwich_begin(&sandwich, upper, lower) == CANOPY_OK,
-         "no sandwich");
+    print_must(canopy_sandwich_init(&sandwich, &fields[0], &fields[1], CANOPY_FX, 1, arena, sizeof arena) ==
+                       CANOPY_OK &&
+                   canopy_sandwich_begin(&sandwich, upper, lower) == CANOPY_OK,
+               "no sandwich");
     for (enum canopy_status status = CANOPY_MORE; status != CANOPY_OK; steps++) {
         const uint64_t start = canopy_instructions();
         const bool checks = sandwich.stage == CANOPY_SANDWICH_CHECK;
         status = canopy_sandwich_step(&sandwich, 1);
         const uint64_t took = canopy_instructions() - start;
-        must(status == CANOPY_OK || status == CANOPY_MORE, "no sandwich");
+        print_must(status == CANOPY_OK || status == CANOPY_MORE, "no sandwich");
         sum += took;
         longest = took > longest ? took : longest;
         check = checks && took > check ? took : check;
