@@ -25,7 +25,7 @@ static const struct {
     {"volume", canopy_command_volume, "the volume between a surface and a height, or another surface"},
     {"diff", canopy_command_diff, "what changed between two surfaces: rise, fall, coverage"},
     {"regrid", canopy_command_regrid, "the same surface on a finer or coarser grid, on the safe side"},
-    {"plot", canopy_command_plot, "a picture of a surrogate and its points"},
+    {"plot", canopy_command_plot, "a picture: surface and points, map of the gap, cross-section; also of two surfaces"},
 };
 
 #define COMMAND_COUNT (sizeof COMMANDS / sizeof COMMANDS[0])
