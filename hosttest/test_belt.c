@@ -247,7 +247,7 @@ static void scan_point(struct world *w, int64_t u, int64_t across, int32_t z, ui
     case CANOPY_AHEAD: MUST(w->config.leap != 0); break;
     case CANOPY_DROPPED:
         MUST(r.row <= w->belt.ring.first);
-        w->beyond = w->beyond && !claimed;  // then it was no reading; but the envelope of its row should be gone
+        MUST(!claimed || w->belt.intrusion);  // it can no longer be compared with what is still published of its row
         met.dropped++;
         break;
     default: MUST(false);

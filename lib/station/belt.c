@@ -145,6 +145,12 @@ static bool is_beyond(const struct canopy_belt *belt, const struct canopy_ring_p
     return frame->side == CANOPY_ABOVE ? height > low : height > -high;
 }
 
+// Whether the published envelope, older than the ring, still claims something about a row that the ring has dropped.
+static bool is_claimed(const struct canopy_belt *belt, int64_t row) {
+    const struct canopy_envelope *envelope = canopy_plc_published(&belt->plc);
+    return envelope != NULL && row > envelope->first_row && row <= belt->ring.first;
+}
+
 // Takes the reading's row into the ring if the belt has come to it.
 static enum canopy_status come_to(struct canopy_belt *belt, const struct canopy_ring_place *place) {
     const int64_t row = canopy_ring_row_at(&belt->ring, place->u);
@@ -185,6 +191,9 @@ static enum canopy_status enter(struct canopy_belt *belt, const int32_t point[3]
         belt->beyond_row = !belt->beyond || row > belt->beyond_row ? row : belt->beyond_row;
         belt->beyond = true;
         intrude(belt);
+    }
+    if (status == CANOPY_DROPPED && is_claimed(belt, row)) {
+        intrude(belt);  // it can no longer be compared: what is not sure counts as beyond
     }
     if (status != CANOPY_OK || !hit.closed) {
         return status;
