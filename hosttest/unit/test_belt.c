@@ -100,4 +100,21 @@ UNIT(belt_says_what_is_beyond_stale_or_too_old) {
     CHECK_EQ(status(), CANOPY_PLC_STALE);
 }
 
-UNIT_LIST(belt, belt_publishes_rows_that_it_has_left, belt_says_what_is_beyond_stale_or_too_old)
+// The belt runs on before the next envelope is out: rows that the ring has dropped are still published.
+UNIT(belt_cannot_vouch_for_a_row_that_it_has_dropped) {
+    begin();
+    run(0, 12 * PITCH);
+    const int64_t last = canopy_plc_published(&belt.plc)->first_row + 1;
+    CHECK_EQ(see((int32_t)last * PITCH + 3, 31, 5), CANOPY_OK);
+    CHECK_EQ(see(14 * PITCH + 3, 31, 5), CANOPY_OK);  // so far on
+    CHECK_EQ(status(), CANOPY_PLC_VALID);
+    CHECK_EQ(see((int32_t)(last - 1) * PITCH + 3, 31, 99), CANOPY_DROPPED);  // of the guard nothing is claimed
+    CHECK_EQ(status(), CANOPY_PLC_VALID);
+    CHECK_EQ(see((int32_t)last * PITCH + 3, 31, 99), CANOPY_DROPPED);
+    CHECK_EQ(status(), CANOPY_PLC_INTRUSION);
+    run(15 * PITCH, 17 * PITCH);
+    CHECK_EQ(status(), CANOPY_PLC_VALID);
+}
+
+UNIT_LIST(belt, belt_publishes_rows_that_it_has_left, belt_says_what_is_beyond_stale_or_too_old,
+          belt_cannot_vouch_for_a_row_that_it_has_dropped)

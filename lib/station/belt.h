@@ -85,8 +85,9 @@ enum canopy_status canopy_belt_init(struct canopy_belt *belt, const struct canop
                                     size_t bytes, uint64_t now_us);
 
 /// Takes one valid reading: device units; the true height is within z +- uncertainty. CANOPY_OK: accepted. Rejected:
-/// CANOPY_OUT_OF_FRAME, beside the belt; CANOPY_DROPPED, its row has left the ring (an intrusion if what is published still
-/// has the row: nothing can tell any more whether it is beyond); CANOPY_AHEAD, it leaps; CANOPY_RANGE, too far beyond the frame's heights, and an intrusion.
+/// CANOPY_OUT_OF_FRAME, beside the belt; CANOPY_AHEAD, it leaps; CANOPY_RANGE, too far beyond the frame's heights, and
+/// an intrusion; CANOPY_DROPPED, its row has left the ring, and an intrusion if what is published still has the row:
+/// nothing can tell any more whether it is beyond.
 enum canopy_status canopy_belt_reading(struct canopy_belt *belt, const int32_t point[3], uint32_t uncertainty,
                                        uint64_t now_us);
 
