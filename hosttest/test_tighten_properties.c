@@ -321,7 +321,7 @@ static void check_scene(uint64_t seed) {
     static struct subject x;
     begin(&s, &x);
     struct canopy_tighten *t = &x.tighten;
-    struct canopy_exact_result result;
+    struct canopy_exact_result result = {0};
     uint32_t published = s.start == FAST ? 1 : 0;
     double gap = HUGE_VAL;
     enum canopy_status status = CANOPY_MORE;
