@@ -724,6 +724,16 @@ def test_written_numbers_come_back(tmp_path, scene):
     assert frame == s["frame"]
 
 
+def test_coarse_floats_far_from_zero_are_said(tmp_path):
+    """Of whole numbers rounding loses nothing, and yet the frame's pitch is coarse."""
+    def said(*offset, grid="8x8", scalar="f32"):
+        points = write_points(tmp_path / "far.xyz", [tuple(map(round, p)) for p in hills(200, 1, 10.0, offset)])
+        return "floats are coarse" in fit(tmp_path, points, "--scalar", scalar, "--unit", "1", grid=grid)[1]
+    assert not said(0, 0, 0) and not said(0, 0, 0, grid="200x200") and not said(3000, 0, 0)
+    assert said(500000, 5400000, 300) and said(3000, 0, 0, grid="900x900")
+    assert not said(500000, 5400000, 300, scalar="fx")
+
+
 # -- plot, help, usage -------------------------------------------------------------------------------------------------
 
 def has_matplotlib():

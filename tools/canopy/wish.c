@@ -217,6 +217,21 @@ bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wis
 // ---------------------------------------------------------------------------------------------------------------------
 // What came out
 
+/// What to do where floats are coarse: a frame's pitch is a multiple of a 2^22nd of the largest coordinate, or of up
+/// to twice that. Where that is more than a hundredth of a knot interval, the grid stands off, and so does the surface.
+static const char *advice(const struct canopy_surface_wish *wish, const struct canopy_loaded *loaded) {
+    const union canopy_device_point *low = &loaded->supply.low, *high = &loaded->supply.high;
+    double extent = 0.0, reach = 0.0;
+    for (int k = 0; wish->scalar == CANOPY_F32 && k < 3; k++) {
+        extent = fmax(extent, (double)high->f32[k] - (double)low->f32[k]);
+        reach = fmax(reach, fmax(fabs((double)high->f32[k]), fabs((double)low->f32[k])));
+    }
+    const int intervals = (wish->size[0] > wish->size[1] ? wish->size[0] : wish->size[1]) - 1;
+    return extent > 0.0 && reach * 0x1p-22 * intervals > extent / 100.0
+               ? "; so far from zero floats are coarse for this grid: subtract an origin near the points first"
+               : "";
+}
+
 void canopy_wish_report(const struct canopy_surface_wish *wish, const struct canopy_loaded *loaded,
                         const struct canopy_surface_report *r, const char *output) {
     char how[140], from[40] = "";
@@ -235,13 +250,13 @@ void canopy_wish_report(const struct canopy_surface_wish *wish, const struct can
                  r->fitting.paired ? " beside the other" : "");
     }
     canopy_progress_end();
-    printf(
-        "%" PRIu64
-        " point%s%s, %ux%u%s %s, %s, %s, unit %g (rounding loses at most %.2g), mean gap %.4g%% and max gap %.3g%% of "
-        "%s, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
-        r->result.points, r->result.points == 1 ? "" : "s", canopy_points_skipped(&loaded->info).text, wish->size[0],
-        wish->size[1], windows, wish->side == CANOPY_ABOVE ? "above" : "below", how,
-        wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, canopy_exact_mean_gap(&r->result),
-        canopy_exact_max_gap(&r->result), canopy_exact_gap_base(&r->result), r->result.margin * loaded->unit,
-        r->fitting.iterations, r->fit_ms, r->certificate_ms, output ? ", " : "", output ? output : "");
+    printf("%" PRIu64 " point%s%s, %ux%u%s %s, %s, %s, unit %g (rounding loses at most %.2g%s), mean gap %.4g%% and "
+                      "max gap %.3g%% of "
+           "%s, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
+           r->result.points, r->result.points == 1 ? "" : "s", canopy_points_skipped(&loaded->info).text, wish->size[0],
+           wish->size[1], windows, wish->side == CANOPY_ABOVE ? "above" : "below", how,
+           wish->scalar == CANOPY_F32 ? "f32" : "fx", loaded->unit, loaded->loss, advice(wish, loaded),
+           canopy_exact_mean_gap(&r->result), canopy_exact_max_gap(&r->result), canopy_exact_gap_base(&r->result),
+           r->result.margin * loaded->unit, r->fitting.iterations, r->fit_ms, r->certificate_ms, output ? ", " : "",
+           output ? output : "");
 }
