@@ -251,7 +251,7 @@ void canopy_wish_report(const struct canopy_surface_wish *wish, const struct can
     }
     canopy_progress_end();
     printf("%" PRIu64 " point%s%s, %ux%u%s %s, %s, %s, unit %g (rounding loses at most %.2g%s), mean gap %.4g%% and "
-                      "max gap %.3g%% of "
+           "max gap %.3g%% of "
            "%s, certified margin %.3g, %" PRIu32 " iterations, fit %.2f ms, certificate %.2f ms%s%s\n",
            r->result.points, r->result.points == 1 ? "" : "s", canopy_points_skipped(&loaded->info).text, wish->size[0],
            wish->size[1], windows, wish->side == CANOPY_ABOVE ? "above" : "below", how,
