@@ -21,6 +21,8 @@ static const char DOC[] =
     "Prints `ready' when it serves and logs to standard error; SIGINT and SIGTERM end it with status 0. Bad input: "
     "status 2 and one line that says what and where. Wrong usage: 64. Every key is explained in docs/canopyd.md.";
 
+enum { METHOD = 0x100 };  // without a letter
+
 static const struct argp_option OPTIONS[] = {
     {"config", 'c', "FILE", 0, "read options from a file of `key = value' lines, the keys being these names", 0},
     {"scanner", 's', "URL", 0, "where the readings come from", 1},
@@ -33,7 +35,7 @@ static const struct argp_option OPTIONS[] = {
     {"plane", 'p', "X,Y,Z,X,Y,Z,X,Y,Z", 0,
      "or at right angles to the plane of three points, towards who sees them anticlockwise", 2},
     {"field", 'q', "Q", 0, "field cells a knot interval, 1 to 32 (4)", 2},
-    {"method", 't', "fast|tight", 0,
+    {"method", METHOD, "fast|tight", 0,
      "tight: while the scene rests, spend spare time on making the surface nearly as tight as the field allows (fast)",
      2},
     {"lines", 'l', "L", 0, "lines a knot interval; divides Q; more is tighter and slower (1)", 2},
@@ -135,7 +137,7 @@ static bool set_key(int key, const char *value, struct canopyd_options *options,
     case 'p': return read_plane(value, options, fault);
     case 'q': return read_small(value, &options->field, fault);
     case 'l': return read_small(value, &options->lines, fault);
-    case 't': return read_method(value, options, fault);
+    case METHOD: return read_method(value, options, fault);
     case 'a': return read_whole(value, 10, 4000000, &options->stale_after_ms, fault);
     case 'i': return read_whole(value, 0, 4000000, &options->interval_ms, fault);
     case 'r': return read_whole(value, 0, 4000000, &options->refresh_ms, fault);
@@ -262,7 +264,7 @@ static int apply(const struct given *given, struct canopyd_options *options, str
         const int key = given->items[i].key;
         if (!set_key(key, given->items[i].value, options, fault)) {
             canopy_fault_prefix(fault, "--%s", name_of(key));
-            return key == 's' || key == 'm' || key == 'd' || key == 't' ? CANOPYD_EXIT_USAGE : CANOPYD_EXIT_INPUT;
+            return key == 's' || key == 'm' || key == 'd' || key == METHOD ? CANOPYD_EXIT_USAGE : CANOPYD_EXIT_INPUT;
         }
     }
     return CANOPYD_EXIT_OK;
