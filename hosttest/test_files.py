@@ -373,6 +373,13 @@ def test_what_looks_at_points_one_by_one_says_that_it_takes_a_field(tmp_path, ma
     assert " from field" not in surrogate_of(tmp_path, many, "--method", "tight")[1]
 
 
+@pytest.mark.parametrize("scalar", ["f32", "fx"])
+def test_lines_of_large_grids_are_fitted_by_threads(tmp_path, many, scalar):
+    ways = [surrogate_of(tmp_path, many, "--scalar", scalar, "--grid", "120x100", "--threads", str(threads))[0]
+            for threads in (1, 2, 5)]
+    assert ways[0] == ways[1] == ways[2]
+
+
 @pytest.mark.parametrize("threads", ["1", "3"])
 def test_standard_input_is_read_again_if_it_is_a_file_and_held_if_it_is_a_pipe(tmp_path, many, threads):
     want, _ = surrogate_of(tmp_path, many)

@@ -268,6 +268,59 @@ enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget) {
     }
 }
 
+// ---- Several cores
+
+uint32_t canopy_fast_count(const struct canopy_fast *fast) {
+    return fast->stage == CANOPY_FAST_LINES     ? canopy_fast_line_count(fast)
+           : fast->stage == CANOPY_FAST_COLUMNS ? fast->field->frame.size[1]
+                                                : 0;
+}
+
+enum canopy_status canopy_fast_share(struct canopy_fast *worker, const struct canopy_fast *fast, void *arena,
+                                     size_t bytes) {
+    const uint16_t m = fast->field->frame.size[0], n = fast->field->frame.size[1];
+    const uint16_t longest = CANOPY_MAX(m, n), cv = fast->field->axis[1].cells, finest = CANOPY_MAX(cv, fast->lines);
+    if (canopy_fast_count(fast) == 0) {
+        return CANOPY_ARGUMENT;
+    }
+    struct canopy_arena cut;
+    const enum canopy_status status =
+        canopy_arena_open(&cut, arena, bytes, CANOPY_FAST_SHARE_ARENA(m, n, cv, fast->lines));
+    if (status != CANOPY_OK) {
+        return status;
+    }
+    *worker = *fast;
+    worker->solves = 0;
+    worker->unsettled = 0;
+    canopy_line_init(&worker->line, longest, finest, &cut);
+    worker->result = canopy_arena_take(&cut, 4U * (size_t)longest);
+    const bool lines = fast->stage == CANOPY_FAST_LINES;
+    canopy_line_fits[fast->scalar].shape(&worker->line, lines ? n : m, lines ? cv : fast->lines);
+    return CANOPY_OK;
+}
+
+void canopy_fast_fit(struct canopy_fast *worker, uint32_t index) {
+    worker->index = index;
+    if (begin_one(worker)) {
+        while (canopy_line_fits[worker->scalar].iterate(&worker->line)) {}
+        finish_one(worker);
+    }
+}
+
+void canopy_fast_join(struct canopy_fast *fast, const struct canopy_fast *worker) {
+    fast->solves += worker->solves;
+    fast->unsettled += worker->unsettled;
+}
+
+void canopy_fast_end_stage(struct canopy_fast *fast) {
+    if (canopy_fast_count(fast) > 0) {
+        fast->index = canopy_fast_count(fast) - 1;
+        next_one(fast);
+    }
+}
+
+// ---- Mending and turning round
+
 enum canopy_status canopy_fast_raise(const struct canopy_field *field, int32_t *coefficients, uint32_t cell,
                                      int32_t by) {
     const uint32_t columns = field->axis[1].count, m = field->frame.size[0], n = field->frame.size[1];

@@ -32,6 +32,9 @@
      CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(m, lines) * (size_t)(n)) +                                              \
      CANOPY_ARENA_ROUND(CANOPY_LINE_NODES(m, lines) * CANOPY_FAST_HELD_BYTES(n)) +                                     \
      CANOPY_ARENA_ROUND(4U * (size_t)CANOPY_MAX(m, n)))
+/// Bytes of arena of a worker (canopy_fast_share).
+#define CANOPY_FAST_SHARE_ARENA(m, n, cv, lines)                                                                       \
+    (CANOPY_LINE_ARENA(CANOPY_MAX(m, n), CANOPY_MAX(cv, lines)) + CANOPY_ARENA_ROUND(4U * (size_t)CANOPY_MAX(m, n)))
 #define CANOPY_FAST_HELD_BYTES(n) (((size_t)(n) + 7U) / 8U)
 
 enum canopy_fast_stage {
@@ -76,6 +79,30 @@ enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coeffici
 /// when it is done; CANOPY_RANGE: a coefficient left its limit, the result is of no use.
 /// The coefficients are in the library's orientation: above, mirrored for the side below.
 enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget);
+
+// ---- Several cores: lines need nothing of each other, and neither do columns
+
+/// How many lines or columns the present stage has; 0 in the others.
+uint32_t canopy_fast_count(const struct canopy_fast *fast);
+
+/// Makes a worker for the present stage of a fit, lines or columns, with a line of its own in `arena`, of
+/// CANOPY_FAST_SHARE_ARENA bytes; all else is the fit's, whose field must not rise while workers work. What comes out is
+/// what canopy_fast_step gives, bit for bit. CANOPY_ARGUMENT: the fit is at another stage; CANOPY_ARENA_SHORT,
+/// CANOPY_ARENA_ALIGN.
+enum canopy_status canopy_fast_share(struct canopy_fast *worker, const struct canopy_fast *fast, void *arena,
+                                     size_t bytes);
+
+/// Fits one line or column, 0 to canopy_fast_count - 1. Workers may do so at the same time, each other ones.
+void canopy_fast_fit(struct canopy_fast *worker, uint32_t index);
+
+/// Adds what a worker has counted to the fit.
+void canopy_fast_join(struct canopy_fast *fast, const struct canopy_fast *worker);
+
+/// All lines or columns of the present stage have been fitted by workers: on to the next stage. After the columns,
+/// canopy_fast_step does the rest.
+void canopy_fast_end_stage(struct canopy_fast *fast);
+
+// ---- Mending and turning round
 
 /// Raises the 4 x 4 coefficients that shape the cell's knot cell by `by` steps: the bound of canopy_certify rises by
 /// as much on the whole knot cell and falls nowhere. CANOPY_RANGE: a coefficient would leave its limit; nothing done.

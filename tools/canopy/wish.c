@@ -49,7 +49,8 @@ static const struct argp_option OPTIONS[] = {
      "each pass, with the same result; default: a quarter of the machine's; 0: never hold them. What looks at points "
      "one by one, tight and --refine without --field, is then done from a field, and says so",
      0},
-    {"threads", THREADS, "N", 0, "threads that read and prove, 1 to 64; default: as many as processors, up to 16", 0},
+    {"threads", THREADS, "N", 0, "threads that read, fit and prove, 1 to 64; default: as many as processors, up to 16",
+     0},
     {0}};
 
 int canopy_wish_word(struct argp_state *state, const char *option, const char *text, const char *zero,
@@ -207,6 +208,7 @@ bool canopy_wish_load(const struct canopy_wish *words, struct canopy_surface_wis
         return false;
     }
     wish->unit = loaded->unit;
+    wish->fitting.threads = load.threads;
     if (!canopy_supply_is_held(&loaded->supply) && wish->fitting.field == 0 &&
         (wish->fitting.tight || wish->refining.count > 0)) {
         wish->fitting.field = field_for(wish->size);

@@ -8,6 +8,7 @@
 #include "lib/cover/fast.h"
 #include "lib/cover/free.h"
 #include "lib/cover/sandwich.h"
+#include "tools/common/crew.h"
 #include "tools/common/fielding.h"
 #include "tools/common/progress.h"
 #include "tools/common/stopwatch.h"
@@ -15,6 +16,8 @@
 
 #define STEPS 64  // of a line, or rows of cells, between looks at the progress: some milliseconds at most
 #define FIELD_BYTES_MOST (64U << 20)  // of a field that a fit from points chooses itself
+
+#define CREW_COEFFICIENTS 10000  // from which on threads are worth their start
 
 /// How finely a fit looks: field cells a knot interval and lines a knot interval of u.
 struct resolution {
@@ -62,12 +65,16 @@ static bool certify_field(const struct canopy_field *field, int32_t *coefficient
 }
 
 /// Solves and, from a field that was asked for, certifies.
-static bool solve(bool from_field, const struct canopy_field *field, struct canopy_fast *fast, int32_t *coefficients,
-                  struct canopy_fitting_report *report, struct canopy_fault *fault) {
+static bool solve(const struct canopy_fitting *fitting, const struct canopy_field *field, struct canopy_fast *fast,
+                  int32_t *coefficients, struct canopy_fitting_report *report, struct canopy_fault *fault) {
     if (canopy_fast_begin(fast, coefficients) != CANOPY_OK) {
         return canopy_fault_set(fault, "no point reaches the field: choose another --frame");
     }
     const uint16_t *size = field->frame.size;
+    if (fitting->threads > 1 && (size_t)size[0] * size[1] >= CREW_COEFFICIENTS &&
+        !canopy_crew_run(fast, fitting->threads, fault)) {
+        return false;
+    }
     while (canopy_fast_step(fast, STEPS) == CANOPY_MORE) {
         const bool lines = fast->stage == CANOPY_FAST_LINES;
         const double all = lines ? (double)CANOPY_LINE_NODES(size[0], fast->lines) : (double)size[1];
@@ -76,7 +83,7 @@ static bool solve(bool from_field, const struct canopy_field *field, struct cano
     report->iterations = fast->solves;
     report->unsettled = fast->unsettled;
     bool ok = true;
-    if (from_field && field->exact) {
+    if (fitting->field > 0 && field->exact) {
         const double start = canopy_stopwatch_ms();
         ok = certify_field(field, coefficients, fault);
         report->field_ms = canopy_stopwatch_ms() - start;
@@ -183,7 +190,7 @@ static bool fit(const struct canopy_turned *turned, const struct canopy_frame *f
         canopy_fault_set(fault, "%u lines a knot interval: give a divisor of the field's %u cells", r.lines,
                          r.cells[0]);
     } else {
-        ok = solve(fitting->field > 0, &from.field, &fast, coefficients, report, fault);
+        ok = solve(fitting, &from.field, &fast, coefficients, report, fault);
         if (coverage) {
             canopy_field_coverage(&from.field, coverage);
         }

@@ -12,10 +12,11 @@
 
 /// What to fit from.
 struct canopy_fitting {
-    uint16_t field;  ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
-    bool packed;     ///< the field has one byte a cell, not four (lib/cover/field.h)
-    uint16_t lines;  ///< with a field: lines a knot interval of u, a divisor of `field`; 0: one
-    bool tight;      ///< what `fast` gives is tightened as far as it goes
+    uint16_t field;    ///< Q of the streaming field, as a device fits; 0: from the points, as tight as this method can
+    bool packed;       ///< the field has one byte a cell, not four (lib/cover/field.h)
+    uint16_t lines;    ///< with a field: lines a knot interval of u, a divisor of `field`; 0: one
+    unsigned threads;  ///< that fit the lines of large grids; 0: one
+    bool tight;        ///< what `fast` gives is tightened as far as it goes
 };
 
 struct canopy_fitting_report {
