@@ -86,8 +86,8 @@ enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget);
 uint32_t canopy_fast_count(const struct canopy_fast *fast);
 
 /// Makes a worker for the present stage of a fit, lines or columns, with a line of its own in `arena`, of
-/// CANOPY_FAST_SHARE_ARENA bytes; all else is the fit's, whose field must not rise while workers work. What comes out is
-/// what canopy_fast_step gives, bit for bit. CANOPY_ARGUMENT: the fit is at another stage; CANOPY_ARENA_SHORT,
+/// CANOPY_FAST_SHARE_ARENA bytes; all else is the fit's, whose field must not rise while workers work. What comes out
+/// is what canopy_fast_step gives, bit for bit. CANOPY_ARGUMENT: the fit is at another stage; CANOPY_ARENA_SHORT,
 /// CANOPY_ARENA_ALIGN.
 enum canopy_status canopy_fast_share(struct canopy_fast *worker, const struct canopy_fast *fast, void *arena,
                                      size_t bytes);
