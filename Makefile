@@ -3,7 +3,7 @@
 
 BUILD ?= build
 BOARD ?= mps2_an385
-ifeq (,$(wildcard boards/$(BOARD)/*.c))
+ifeq (,$(wildcard boards/$(BOARD)/board.h boards/$(BOARD)/main.c))
 $(error BOARD=$(BOARD) is no board: give one of $(notdir $(patsubst %/,%,$(wildcard boards/*/))))
 endif
 SECONDS ?= 60
@@ -87,7 +87,7 @@ $(1)/libport.a: $(addprefix $(1)/obj/,$(PORT_LINUX:.c=.o))
 $(1)/lib%.a:
 	@mkdir -p $$(@D)
 	@rm -f $$@
-	$$(Q)$(if $(filter arm-%,$(2)),arm-none-eabi-ar rcsDT,ar rcsD) $$@ $$^
+	$$(Q)$(if $(filter %-elf-gcc %-eabi-gcc,$(2)),$(2:gcc=ar) rcsDT,ar rcsD) $$@ $$^
 endef
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -157,66 +157,74 @@ $(TEST)/modbus_peer: $(TEST)/gcc64/obj/hosttest/modbus_peer.o $(TEST)/gcc64/libc
 
 .PHONY: test-programs test
 test-programs: $(TEST_PROGRAMS)
-test: test-programs tools firmware | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
+test: test-programs tools all-firmware | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
 	@BUILD=$(BUILD) hosttest/run
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Firmware of BOARD: the station (boards/<board>/main.c), every unit list, and each program of hosttest/firmware
+# Firmware: for every board with a board.mk the station (boards/<board>/main.c), every unit list, and those programs of
+# hosttest/firmware that the board.mk names. Boards of one family share ports; each has its own objects.
 
-ifneq (,$(wildcard boards/$(BOARD)/board.mk))  # a board with firmware: linux has none
-include boards/$(BOARD)/board.mk
+FIRMWARE_BOARDS := $(sort $(notdir $(patsubst %/board.mk,%,$(wildcard boards/*/board.mk))))
+FW_FLAGS := -Os -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
+FW_LINK := -nostartfiles -Llinker -Wl,--gc-sections -Wl,--fatal-warnings
 
-FW := $(BUILD)/$(BOARD)
-FW_FLAGS := -Iboards/$(BOARD) $(BOARD_CPU) -Os -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
-FW_LINK := $(BOARD_CPU) -nostartfiles --specs=nano.specs -Llinker -Tlinker/$(BOARD_CHIP).ld -Wl,--gc-sections \
-    -Wl,--fatal-warnings
-FW_BOARD_SOURCES := $(sort $(filter-out boards/$(BOARD)/main.c,$(wildcard boards/$(BOARD)/*.c)) \
-    $(wildcard port/$(BOARD_PORT)/*.c))
-FW_BOARD := $(addprefix $(FW)/obj/,$(FW_BOARD_SOURCES:.c=.o))
-FW_MAIN := $(wildcard boards/$(BOARD)/main.c)
-FW_STATIONS := $(if $(FW_MAIN),$(FW)/canopy.elf $(BOARD_GRIDS:%=$(FW)/canopy-%.elf))
-FW_UNITS := $(UNIT_NAMES:%=$(FW)/%.elf)
-FW_OTHERS := $(patsubst hosttest/firmware/%.c,$(FW)/%.elf,$(sort $(wildcard hosttest/firmware/*.c)))
-FIRMWARE := $(FW_STATIONS) $(FW_UNITS) $(FW_OTHERS)
-
-$(eval $(call compile,$(FW),arm-none-eabi-gcc,$(FW_FLAGS),setup-firmware))
-
-# image(stack bytes): the recipe that links $@ from $^ and keeps a map beside it
+# image(board, stack bytes): the recipe that links $@ from $^ and keeps a map beside it
 define image
 	$(if $(V),,@echo "link $@")
-	$(Q)arm-none-eabi-gcc $(FW_LINK) -Wl,--defsym=canopy_stack_size=$(1) -Wl,-Map=$(@:.elf=.map) $(filter %.o,$^) \
-	    $(filter %.a,$^) -lm -o $@
+	$(Q)$($(1)_LINK) -Wl,--defsym=canopy_stack_size=$(2) -Wl,-Map=$(@:.elf=.map) $(filter %.o,$^) $(filter %.a,$^) -lm -o $@
 endef
 
-$(FIRMWARE): linker/cortexm.ld linker/$(BOARD_CHIP).ld boards/$(BOARD)/board.mk
-$(FW)/canopy.elf: $(FW)/obj/boards/$(BOARD)/main.o $(FW_BOARD) $(FW)/libcanopy.a
-	$(call image,$(BOARD_STACK))
-# the station for another grid: canopy-10x10.elf
-$(FW)/canopy-%.elf: $(FW)/obj/boards/$(BOARD)/main-%.o $(FW_BOARD) $(FW)/libcanopy.a
-	$(call image,$(BOARD_STACK))
-$(FW)/obj/boards/$(BOARD)/main-%.o: boards/$(BOARD)/main.c | setup-firmware $(GENERATED)
-	@mkdir -p $(@D)
-	$(Q)arm-none-eabi-gcc $(CFLAGS_ALL) $(FW_FLAGS) -DSTATION_GRID_M=$(word 1,$(subst x, ,$*)) \
-	    -DSTATION_GRID_N=$(word 2,$(subst x, ,$*)) -c $< -o $@
-$(FW_UNITS): $(FW)/unit_%.elf: $(FW)/obj/hosttest/unit/test_%.o $(FW)/obj/hosttest/unit/run_firmware.o $(FW_BOARD) \
-    $(FW)/libcanopy.a
-	$(call image,16384)
-$(FW_OTHERS): $(FW)/%.elf: $(FW)/obj/hosttest/firmware/%.o $(FW_BOARD) $(FW)/libcanopy.a
-	$(call image,$(BOARD_STACK))
+# board_rules(board): after its board.mk has been read; every $(BOARD_...) is this board's
+define board_rules
+$(1)_LINK := $(BOARD_CROSS)gcc $(BOARD_CPU) $(BOARD_SPECS) $(FW_LINK) -Tlinker/$(BOARD_CHIP).ld
+$(1)_SETUP := setup-$(BOARD_SETUP)
+$(1)_PARTS := $(patsubst %.c,$(BUILD)/$(1)/obj/%.o,$(sort $(filter-out boards/$(1)/main.c,$(wildcard boards/$(1)/*.c)) \
+    $(foreach p,$(BOARD_PORTS),$(wildcard port/$(p)/*.c))))
+$(1)_STATIONS := $(patsubst %,$(BUILD)/$(1)/%.elf,$(if $(wildcard boards/$(1)/main.c),canopy $(BOARD_GRIDS:%=canopy-%)))
+$(1)_UNITS := $(UNIT_NAMES:%=$(BUILD)/$(1)/%.elf)
+$(1)_OTHERS := $(BOARD_PROGRAMS:%=$(BUILD)/$(1)/%.elf)
+$(1)_FIRMWARE := $$($(1)_STATIONS) $$($(1)_UNITS) $$($(1)_OTHERS)
 
-.PHONY: firmware
+$(call compile,$(BUILD)/$(1),$(BOARD_CROSS)gcc,-Iboards/$(1) $(BOARD_CPU) $(BOARD_SPECS) $(FW_FLAGS),setup-$(BOARD_SETUP))
+$$($(1)_FIRMWARE): $(wildcard linker/*.ld) boards/$(1)/board.mk
+$(BUILD)/$(1)/canopy.elf: $(BUILD)/$(1)/obj/boards/$(1)/main.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
+	$$(call image,$(1),$(BOARD_STACK))
+# the station for another grid: canopy-10x10.elf
+$(BUILD)/$(1)/canopy-%.elf: $(BUILD)/$(1)/obj/boards/$(1)/main-%.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
+	$$(call image,$(1),$(BOARD_STACK))
+$(BUILD)/$(1)/obj/boards/$(1)/main-%.o: boards/$(1)/main.c | setup-$(BOARD_SETUP) $(GENERATED)
+	@mkdir -p $$(@D)
+	$$(Q)$(BOARD_CROSS)gcc $(CFLAGS_ALL) -Iboards/$(1) $(BOARD_CPU) $(BOARD_SPECS) $(FW_FLAGS) \
+	    -DSTATION_GRID_M=$$(word 1,$$(subst x, ,$$*)) -DSTATION_GRID_N=$$(word 2,$$(subst x, ,$$*)) -c $$< -o $$@
+$$($(1)_UNITS): $(BUILD)/$(1)/unit_%.elf: $(BUILD)/$(1)/obj/hosttest/unit/test_%.o \
+    $(BUILD)/$(1)/obj/hosttest/unit/run_firmware.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
+	$$(call image,$(1),16384)
+$$($(1)_OTHERS): $(BUILD)/$(1)/%.elf: $(BUILD)/$(1)/obj/hosttest/firmware/%.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
+	$$(call image,$(1),$(BOARD_STACK))
+endef
+
+define read_board
+include boards/$(1)/board.mk
+$$(eval $$(call board_rules,$(1)))
+endef
+$(foreach board,$(FIRMWARE_BOARDS),$(eval $(call read_board,$(board))))
+
+FIRMWARE := $($(BOARD)_FIRMWARE)
+ALL_FIRMWARE := $(foreach board,$(FIRMWARE_BOARDS),$($(board)_FIRMWARE))
+# What is measured is measured of every board, unless one is asked for
+MEASURED_BOARDS := $(if $(filter command line environment,$(origin BOARD)),$(filter $(BOARD),$(FIRMWARE_BOARDS)),$(FIRMWARE_BOARDS))
+MEASURED := $(foreach board,$(MEASURED_BOARDS),$($(board)_STATIONS))
+
+.PHONY: firmware all-firmware
 firmware: $(FIRMWARE)  ## images for BOARD (default mps2_an385): build/<board>/*.elf
+	$(if $(FIRMWARE),,@echo "firmware: BOARD=$(BOARD) has none")
+all-firmware: $(ALL_FIRMWARE)  ## images for every board
 
 .PHONY: size stack
-size: $(FIRMWARE)  ## flash and RAM of the images, by section and by object, against the board's budgets
-	@$(PYTHON) tools/size.py $(BOARD_BUDGETS:%=--budget %) $(FW_STATIONS:.elf=.map) $(if $(V),$(FW_OTHERS:.elf=.map))
-stack: $(FW_STATIONS)  ## worst-case stack of the station's images, from the call graph
-	@$(PYTHON) tools/stack.py --calls tools/calls.txt $(FW_STATIONS)
-else
-.PHONY: firmware size stack
-firmware size stack:
-	@echo "$@: BOARD=$(BOARD) has no firmware"
-endif
+size: $(MEASURED)  ## flash and RAM of the images, by section and by object, against the board's budgets
+	@$(PYTHON) tools/size.py $(if $(filter mps2_an385,$(MEASURED_BOARDS)),$(mps2_an385_BUDGETS:%=--budget %)) $(MEASURED:.elf=.map)
+stack: $(MEASURED)  ## worst-case stack of the station's images, from the call graph
+	@$(PYTHON) tools/stack.py --calls tools/calls.txt $(MEASURED)
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Whole runs: scripts of tools/ that take what has been built
@@ -226,7 +234,7 @@ demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) | setup-demo
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
 pictures: tools | setup-demo  ## draw the README's pictures anew: build/pictures/*.png; docs/pictures has copies
 	@BUILD=$(BUILD) tools/readme_pictures.sh $(BUILD)/pictures
-bench: $(HOST)/canopy-bench $(HOST)/canopy-tightness $(HOST)/canopy-bench-alglib $(HOST)/canopy-bench-alphawrap $(if $(FW),$(patsubst %,$(FW)/%.elf,cycles belt sandwich ray query) $(FW_STATIONS)) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
+bench: $(HOST)/canopy-bench $(HOST)/canopy-tightness $(HOST)/canopy-bench-alglib $(HOST)/canopy-bench-alphawrap $(mps2_an385_STATIONS) $(mps2_an385_OTHERS) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
 	@BUILD=$(BUILD) $(PYTHON) tools/bench/bench.py $(BENCH)
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -285,7 +293,7 @@ fuzz: $(FUZZ_NAMES:%=$(FUZZ)/%)  ## fuzz each parser for SECONDS (default 60); f
 # ---------------------------------------------------------------------------------------------------------------------
 
 .PHONY: all clean
-all: tools test-programs firmware  ## build everything, run nothing
+all: tools test-programs all-firmware  ## build everything, run nothing
 clean:  ## remove $(BUILD)
 	rm -rf $(BUILD)
 

@@ -4,21 +4,24 @@
 Usage: hosttest/bench_firmware.py [--json FILE] IMAGE.elf...
 
 QEMU runs each image with -icount shift=0: an instruction is one nanosecond of virtual time, and the image reads it from
-SysTick with canopy_instructions() (port/cortexm/count.h), 40 instructions a tick. Two runs give the same numbers.
+its clock with canopy_board_instructions() (port/board.h), on the MPS2 boards 40 instructions a tick. Two runs give the same
+numbers.
 """
 
 import argparse
 import json
 import subprocess
 import sys
+from pathlib import Path
 
-QEMU = ["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none", "-serial", "null", "-serial", "null",
-        "-serial", "stdio", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0", "-kernel"]
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tools"))
+import emulator  # noqa: E402  (of tools/)
 
 
 def count(image, seconds=300):
-    """The results of one image as {name: value}. Raises if the image fails or prints nothing."""
-    done = subprocess.run(QEMU + [str(image)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+    """The results of one image, build/<board>/*.elf, as {name: value}. Raises if the image fails or prints nothing."""
+    image = Path(image)
+    done = subprocess.run(emulator.argv(image.parent.name, image, counting=True), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, timeout=seconds, text=True)
     if done.returncode != 0:
         raise RuntimeError(f"{image}: exit status {done.returncode}\n{done.stdout}")

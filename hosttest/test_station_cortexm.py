@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from emulator import BUILD, IMAGES, Emulator
+from running import BUILD, IMAGES, Emulator
 from rtu import Client, NoAnswer, Registers, Scanner, crc
 
 # runs alone: the board's time is the host's

@@ -182,7 +182,7 @@ class Emulated:
 
     def check(self):
         text = self.console.read_text(errors="replace")
-        if "fault" in text or text.count(" starts") > 1:
+        if "crash" in text or text.count(" starts") > 1:
             raise Failure(f"the firmware has started anew (its words in {shown(self.console)}): "
                           "that is a defect of canopy")
 

@@ -1,10 +1,8 @@
 /// Arm MPS2 with FPGA image AN385: a Cortex-M3 at 25 MHz, as QEMU emulates it (`-M mps2-an385`).
 ///
-/// Data of the board (application note 385, tables 3-3 and 3-4) and its parts, ready to use.
+/// Data of the board (application note 385, tables 3-3 and 3-4) for port/mps2.
 #ifndef CANOPY_BOARDS_MPS2_AN385_BOARD_H
 #define CANOPY_BOARDS_MPS2_AN385_BOARD_H
-
-#include "lib/port.h"
 
 #define BOARD_CLOCK_HZ 25000000u
 
@@ -26,21 +24,5 @@
 /// 10 ms, longer than the loop is away, so that a frame leaves without gaps.
 #define BOARD_RECEIVE_LENGTH 256u
 #define BOARD_SEND_LENGTH 128u
-
-struct board {
-    struct canopy_clock clock;
-    struct canopy_stream line[2];     ///< UART 0 and 1, 8N1
-    struct canopy_watchdog watchdog;  ///< not started: feeding it is harmless before board_start_watchdog
-};
-
-/// Starts the clock and both lines. Call it once, first.
-struct board board_start(uint32_t baud0, uint32_t baud1);
-
-/// From now on the board resets unless the watchdog is fed once in `period_us`, at most 171 seconds.
-void board_start_watchdog(uint32_t period_us);
-
-/// Sleeps until the clock reaches `due_us`, for a tenth of a second at most, unless an interrupt has brought work since
-/// `seen` was read from canopy_cortexm_activity() or brings it. So T3.5 is met to the microsecond.
-void board_sleep(uint64_t due_us, uint32_t seen);
 
 #endif

@@ -1,10 +1,8 @@
 // The station on the board: the scanner on UART 0, the PLC on UART 1, both RTU 115200 8N1.
-#include "boards/mps2_an385/board.h"
 #include "lib/scan/generic.h"
 #include "lib/station/serial.h"
 #include "lib/version.h"
-#include "port/cortexm/clock.h"
-#include "port/cortexm/fault.h"
+#include "port/board.h"
 
 #ifndef STATION_GRID_M  // make build/mps2_an385/canopy-<M>x<N>.elf sets them
 #define STATION_GRID_M 20
@@ -25,19 +23,19 @@ static struct canopy_serial serial;
 
 static void say(const char *text) {
     while (*text != '\0')
-        canopy_fault_put(*text++);
+        canopy_board_put(*text++);
 }
 
-// For who looks at the console: that it starts, and whether the run before ended in a fault, of which the fault handler
-// has already said where.
+// For who looks at the console: that it starts, and whether the run before ended in a crash, of which the handler has
+// already said where.
 static void introduce(void) {
     say("canopy " CANOPY_VERSION);
-    say(canopy_fault_last() != NULL ? " starts after a fault\r\n" : " starts\r\n");
-    canopy_fault_forget();
+    say(canopy_board_last_crash() != NULL ? " starts after a crash\r\n" : " starts\r\n");
+    canopy_board_forget_crash();
 }
 
 int main(void) {
-    const struct board board = board_start(BAUD, BAUD);
+    const struct canopy_board board = canopy_board_start((const uint32_t[]){BAUD, BAUD});
     introduce();
     const struct canopy_serial_config config = {
         .clock = board.clock,
@@ -57,12 +55,12 @@ int main(void) {
         .budget = 1,
     };
     if (canopy_serial_init(&serial, &config, arena, sizeof arena) != CANOPY_OK)
-        return 1;  // ends in a fault that says where
-    board_start_watchdog(WATCHDOG_US);
+        return 1;  // ends in a crash that says where
+    (void)canopy_board_start_watchdog(WATCHDOG_US);
     for (;;) {
-        const uint32_t seen = canopy_cortexm_activity();
+        const uint32_t seen = canopy_board_activity();
         const uint64_t due_us = canopy_serial_step(&serial);
         board.watchdog.feed(board.watchdog.context);
-        board_sleep(due_us, seen);
+        canopy_board_sleep(due_us, seen);
     }
 }

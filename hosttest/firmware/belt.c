@@ -7,12 +7,10 @@
 //   publish   canopy_ring_publish: coefficients and coverage into an envelope
 // and of the window as it is then, once:
 //   full      canopy_fast from begin to done, and the certificate of all rows, a knot row a step as the refit does it
-#include "board.h"  // of BOARD
 #include "hosttest/firmware/print.h"
 #include "hosttest/firmware/scene.h"
 #include "lib/cover/ring.h"
-#include "port/cortexm/count.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 #define M 64
 #define N 20
@@ -54,18 +52,18 @@ struct cost {
 
 static struct cost take_row(uint32_t row) {
     struct cost cost = {0};
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     (void)canopy_ring_reach(&ring, (int64_t)row * PROFILES * STEP);
-    cost.move = canopy_instructions() - start;
+    cost.move = canopy_board_instructions() - start;
     canopy_refit_begin(&ring.refit);
     enum canopy_status status;
     do {
-        const uint64_t before = canopy_instructions();
+        const uint64_t before = canopy_board_instructions();
         status = canopy_refit_step(&ring.refit, 1);
-        const uint64_t one = canopy_instructions() - before;
+        const uint64_t one = canopy_board_instructions() - before;
         cost.longest = one > cost.longest ? one : cost.longest;
     } while (status == CANOPY_MORE);
-    cost.row = canopy_instructions() - start;
+    cost.row = canopy_board_instructions() - start;
     must(status, "no refit");
     return cost;
 }
@@ -75,7 +73,7 @@ static void measure_full(const char *scene) {
     static struct canopy_certify certify;
     must(canopy_fast_init(&fast, &ring.field, CANOPY_FX, LINES, fast_arena, sizeof fast_arena), "no fit");
     must(canopy_certify_init(&certify, &ring.field, certify_arena, sizeof certify_arena), "no certificate");
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     must(canopy_fast_begin(&fast, coefficients), "no fit");
     enum canopy_status status;
     while ((status = canopy_fast_step(&fast, 1)) == CANOPY_MORE)
@@ -85,15 +83,15 @@ static void measure_full(const char *scene) {
     while ((status = canopy_certify_step(&certify, CELLS)) == CANOPY_MORE)
         ;
     must(status, "the fit of a field at rest must be certified at once");
-    result(scene, "full", canopy_instructions() - start);
+    result(scene, "full", canopy_board_instructions() - start);
     result(scene, "full_solves", fast.solves);
 }
 
 static void measure_publish(const char *scene) {
     struct canopy_envelope envelope = {.coefficients = coefficients, .coverage = coverage};
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     must(canopy_ring_publish(&ring, &envelope), "no envelope");
-    result(scene, "publish", canopy_instructions() - start);
+    result(scene, "publish", canopy_board_instructions() - start);
 }
 
 static void measure_belt(const char *scene, int32_t (*height)(uint32_t x, uint32_t y)) {
@@ -129,8 +127,8 @@ static void measure_belt(const char *scene, int32_t (*height)(uint32_t x, uint32
 }
 
 int main(void) {
-    (void)board_start(115200, 115200);
+    (void)canopy_board_start((const uint32_t[]){115200, 115200});
     measure_belt("hills", hills);
     measure_belt("boxes", boxes);
-    canopy_semihosting_exit(true);
+    canopy_board_exit(true);
 }

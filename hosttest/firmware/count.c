@@ -1,24 +1,22 @@
 // The instruction counter against loops whose length is known: hosttest/test_port_cortexm.py checks the numbers.
-#include "port/cortexm/count.h"
-#include "board.h"  // of BOARD
 #include "hosttest/firmware/print.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 // Two instructions a turn.
 static void turn(uint32_t turns) { __asm volatile("1:\tsubs %0, #1\n\tbne 1b" : "+r"(turns)::"cc"); }
 
 static void count_turns(const char *name, uint32_t turns) {
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     turn(turns);
-    print_result(name, (int64_t)(canopy_instructions() - start));
+    print_result(name, (int64_t)(canopy_board_instructions() - start));
 }
 
 int main(void) {
-    (void)board_start(115200, 115200);
-    const uint64_t start = canopy_instructions();
-    print_result("nothing", (int64_t)(canopy_instructions() - start));
+    (void)canopy_board_start((const uint32_t[]){115200, 115200});
+    const uint64_t start = canopy_board_instructions();
+    print_result("nothing", (int64_t)(canopy_board_instructions() - start));
     count_turns("turns_1000", 1000);
     count_turns("turns_100000", 100000);
     count_turns("turns_10000000", 10000000);
-    canopy_semihosting_exit(true);
+    canopy_board_exit(true);
 }

@@ -8,14 +8,12 @@
 // does them, up to the publication. A request is what the RTU server does from the first byte to the whole reply.
 #include <string.h>
 
-#include "board.h"  // of BOARD
 #include "hosttest/firmware/print.h"
 #include "hosttest/firmware/scene.h"
 #include "lib/modbus/crc.h"
 #include "lib/modbus/rtu.h"
 #include "lib/station/station.h"
-#include "port/cortexm/count.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 #define M 20
 #define N 20
@@ -58,7 +56,7 @@ static void result(const struct scene *scene, const char *name, uint64_t value) 
 static void fail(const char *what) {
     print_text(what);
     print_text("\n");
-    canopy_semihosting_exit(false);
+    canopy_board_exit(false);
 }
 
 // ---- Measurements
@@ -69,9 +67,9 @@ static uint64_t sweep(const struct scene *scene, void (*take)(void)) {
     for (uint32_t profile = 0; profile < PROFILES; profile++) {
         for (uint32_t column = 0; column < COLUMNS; column += BATCH) {
             make_batch(scene, profile, column);
-            const uint64_t start = canopy_instructions();
+            const uint64_t start = canopy_board_instructions();
             take();
-            sum += canopy_instructions() - start;
+            sum += canopy_board_instructions() - start;
         }
     }
     return 100 * sum / (COLUMNS * PROFILES);
@@ -90,27 +88,27 @@ static void take_reading(void) {
 
 static void measure_fit(const struct scene *scene) {
     int32_t *coefficients = canopy_plc_begin(&station.plc)->coefficients;
-    uint64_t most = 0, start = canopy_instructions();
+    uint64_t most = 0, start = canopy_board_instructions();
     const uint64_t begin = start;
     if (canopy_fast_begin(&station.fast, coefficients) != CANOPY_OK)
         fail("no fit");
     enum canopy_status status;
     do {
-        const uint64_t before = canopy_instructions();
+        const uint64_t before = canopy_board_instructions();
         status = canopy_fast_step(&station.fast, 1);
-        const uint64_t one = canopy_instructions() - before;
+        const uint64_t one = canopy_board_instructions() - before;
         most = one > most ? one : most;
     } while (status == CANOPY_MORE);
-    const uint64_t fit = canopy_instructions() - begin;
+    const uint64_t fit = canopy_board_instructions() - begin;
     result(scene, "fit", fit);
     result(scene, "fit_solves", station.fast.solves);
     result(scene, "fit_unsettled", station.fast.unsettled);
     result(scene, "fit_longest_step", most);
-    start = canopy_instructions();
+    start = canopy_board_instructions();
     canopy_certify_begin(&station.certify, coefficients);
     while ((status = canopy_certify_step(&station.certify, 1)) == CANOPY_MORE)
         ;
-    const uint64_t certify = canopy_instructions() - start;
+    const uint64_t certify = canopy_board_instructions() - start;
     result(scene, "certify", certify);
     result(scene, "fit_and_certify", fit + certify);
     if (status != CANOPY_OK)
@@ -120,15 +118,15 @@ static void measure_fit(const struct scene *scene) {
 // The station's own way, from the decision to the publication, one unit of work a step.
 static void measure_refit(const struct scene *scene) {
     uint64_t most = 0;
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     uint32_t steps = 0;
     while (canopy_plc_published(&station.plc) == NULL && steps++ < 100000) {
-        const uint64_t before = canopy_instructions();
+        const uint64_t before = canopy_board_instructions();
         canopy_station_step(&station, 1, 1000);
-        const uint64_t one = canopy_instructions() - before;
+        const uint64_t one = canopy_board_instructions() - before;
         most = one > most ? one : most;
     }
-    result(scene, "refit", canopy_instructions() - start);
+    result(scene, "refit", canopy_board_instructions() - start);
     result(scene, "refit_steps", steps);
     result(scene, "refit_longest_step", most);
     if (canopy_plc_published(&station.plc) == NULL || station.published_points != COLUMNS * PROFILES)
@@ -197,15 +195,15 @@ static void measure_request(const char *name, const uint8_t *body, size_t length
     memcpy(frame, body, length);
     length = canopy_modbus_crc_append(frame, length);
     const uint8_t *reply;
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     canopy_modbus_rtu_server_feed(&server, frame, length, 1000000);
     if (canopy_modbus_rtu_server_poll(&server, 1010000, &reply) == 0)
         fail("no answer");
-    print_result(name, (int64_t)(canopy_instructions() - start));
+    print_result(name, (int64_t)(canopy_board_instructions() - start));
 }
 
 int main(void) {
-    (void)board_start(115200, 115200);
+    (void)canopy_board_start((const uint32_t[]){115200, 115200});
     for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++)
         measure_scene(&scenes[i]);
     measure_request("request_status", (const uint8_t[]){1, 3, 0, 100, 0, 8}, 6);
@@ -215,5 +213,5 @@ int main(void) {
     const uint8_t query[] = {1, 23, 0, 184, 0, 5, 0, 180, 0, 4, 8, 0, 0, 0x10, 0, 0, 0, 0x10, 0};
     measure_request("request_query", query, sizeof query);
     measure_turned(&scenes[0]);
-    canopy_semihosting_exit(true);
+    canopy_board_exit(true);
 }

@@ -2,13 +2,12 @@
 // hosttest/test_port_cortexm.py plays against it in QEMU.
 #include <string.h>
 
-#include "board.h"  // of BOARD
+#include "port/board.h"
 #include "port/cortexm/clock.h"
-#include "port/cortexm/fault.h"
 
 #define WATCHDOG_US 500000u
 
-static struct board board;
+static struct canopy_board board;
 static volatile uint32_t sink;
 
 static void send(const char *text) {
@@ -32,17 +31,17 @@ static void send_number(uint64_t value, uint32_t radix) {
     send(" ");
 }
 
-static void send_fault(void) {
-    const struct canopy_fault *fault = canopy_fault_last();
-    if (fault == NULL) {
+static void send_crash(void) {
+    const struct canopy_crash *crash = canopy_board_last_crash();
+    if (crash == NULL) {
         send("none");
         return;
     }
-    send_number(fault->kind, 10);
-    send_number(fault->pc, 16);
-    send_number(fault->cfsr, 16);
-    send_number(fault->address, 16);
-    send_number(fault->count, 10);
+    send_number(crash->kind, 10);
+    send_number(crash->pc, 16);
+    send_number(crash->status, 16);
+    send_number(crash->address, 16);
+    send_number(crash->count, 10);
 }
 
 // Over more than two turns of SysTick.
@@ -76,8 +75,8 @@ static void obey(uint8_t order) {
     case 'm': send(clock_never_goes_back() ? "forward" : "back"); break;
     case 'l': send_number(board.line[1].lost(board.line[1].context), 10); break;
     case 'q': send(board.line[1].sent(board.line[1].context) ? "sent" : "sending"); break;
-    case 'r': send_fault(); break;
-    case 'f': canopy_fault_forget(); break;
+    case 'r': send_crash(); break;
+    case 'f': canopy_board_forget_crash(); break;
     case 'a': fault_by_address(); break;
     case 'i': fault_by_instruction(); break;
     case 'h': fault_by_hanging(); break;
@@ -99,16 +98,16 @@ static void echo(void) {
 }
 
 int main(void) {
-    board = board_start(115200, 115200);
-    board_start_watchdog(WATCHDOG_US);
+    board = canopy_board_start((const uint32_t[]){115200, 115200});
+    (void)canopy_board_start_watchdog(WATCHDOG_US);
     send("started\n");
     for (;;) {
-        const uint32_t seen = canopy_cortexm_activity();
+        const uint32_t seen = canopy_board_activity();
         uint8_t order;
         if (board.line[0].read(board.line[0].context, &order, 1) == 1)
             obey(order);
         echo();
         board.watchdog.feed(board.watchdog.context);
-        board_sleep(UINT64_MAX, seen);
+        canopy_board_sleep(UINT64_MAX, seen);
     }
 }

@@ -6,12 +6,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "port/cortexm/fault.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 static inline void print_text(const char *text) {
     while (*text != '\0')
-        canopy_fault_put(*text++);
+        canopy_board_put(*text++);
 }
 
 static inline void print_number(int64_t value) {
@@ -41,7 +40,7 @@ static inline void print_must(bool good, const char *what) {
     if (!good) {
         print_text(what);
         print_text("\n");
-        canopy_semihosting_exit(false);
+        canopy_board_exit(false);
     }
 }
 

@@ -12,15 +12,13 @@
 //   volume           over the whole frame, and volume_window over the window of 6 x 6
 //   halve            both axes halved: 39 x 39; regrid: a field of 10 x 10 coefficients, Q = 4, filled
 #include "lib/cover/query.h"
-#include "board.h"  // of BOARD
 #include "hosttest/firmware/print.h"
 #include "hosttest/firmware/scene.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/query_extreme.h"
 #include "lib/cover/query_regrid.h"
 #include "lib/cover/query_volume.h"
-#include "port/cortexm/count.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 enum { N = 20, CELLS = 4, COLUMNS = 400, PROFILES = 344, STEP = 30, RANGE = 8192, FINE = 2 * N - 1, COARSE = 10 };
 
@@ -82,23 +80,23 @@ static void measure_extreme(const char *name, const struct canopy_query_subject 
                             const struct canopy_query_rect *rect, enum canopy_extreme_kind kind) {
     static struct canopy_extreme_node nodes[CANOPY_EXTREME_NODES];
     static struct canopy_extreme search;
-    uint64_t start = canopy_instructions();
+    uint64_t start = canopy_board_instructions();
     print_must(canopy_extreme_begin(&search, subject, rect, kind, 2, nodes, CANOPY_EXTREME_NODES) == CANOPY_OK,
                "no search");
-    uint64_t sum = canopy_instructions() - start;
+    uint64_t sum = canopy_board_instructions() - start;
     result(name, "_bound", (int64_t)sum);
     const uint32_t looks =
         (search.span[0].last - search.span[0].first + 1) * (search.span[1].last - search.span[1].first + 1);
-    start = canopy_instructions();
+    start = canopy_board_instructions();
     enum canopy_status status = canopy_extreme_step(&search, looks);
-    sum += canopy_instructions() - start;
+    sum += canopy_board_instructions() - start;
     result(name, "_look", (int64_t)sum);
     result(name, "_looseness", looseness(&search));
     uint32_t cuts = 0;
-    start = canopy_instructions();
+    start = canopy_board_instructions();
     for (; status == CANOPY_MORE; cuts++)
         status = canopy_extreme_step(&search, 1);
-    sum += canopy_instructions() - start;
+    sum += canopy_board_instructions() - start;
     print_must(status == CANOPY_OK, "no answer");
     result(name, "_end", (int64_t)sum);
     result(name, "_end_looseness", looseness(&search));
@@ -108,27 +106,27 @@ static void measure_extreme(const char *name, const struct canopy_query_subject 
 static void measure_place(void) {
     struct canopy_query_point point;
     int32_t low, high;
-    uint64_t start = canopy_instructions();
+    uint64_t start = canopy_board_instructions();
     print_must(canopy_envelope_height(&envelopes[0], 5000, 4321, &low, &high) == CANOPY_OK, "no height");
-    result("eval", "", (int64_t)(canopy_instructions() - start));
-    start = canopy_instructions();
+    result("eval", "", (int64_t)(canopy_board_instructions() - start));
+    start = canopy_board_instructions();
     print_must(canopy_query_at(&envelopes[0], 5000, 4321, &point) == CANOPY_OK, "no point");
-    result("point", "", (int64_t)(canopy_instructions() - start));
+    result("point", "", (int64_t)(canopy_board_instructions() - start));
     const struct canopy_query_subject change = {.surface = &envelopes[1], .minus = &envelopes[0]};
-    start = canopy_instructions();
+    start = canopy_board_instructions();
     print_must(canopy_query_cell(&change, 7, 7, &low, &high) == CANOPY_OK, "no cell");
-    result("cell", "", (int64_t)(canopy_instructions() - start));
+    result("cell", "", (int64_t)(canopy_board_instructions() - start));
 }
 
 static void measure_volume(const char *name, const struct canopy_query_rect *rect) {
     const struct canopy_query_subject subject = {.surface = &envelopes[0]};
     static struct canopy_volume volume;
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     print_must(canopy_volume_begin(&volume, &subject, rect) == CANOPY_OK &&
                    canopy_volume_step(&volume, UINT32_MAX) == CANOPY_OK,
                "no volume");
     const struct canopy_volume_answer answer = canopy_volume_answer(&volume);
-    result(name, "", (int64_t)(canopy_instructions() - start));
+    result(name, "", (int64_t)(canopy_board_instructions() - start));
     print_must(answer.low <= answer.high, "no bounds");
 }
 
@@ -138,22 +136,22 @@ static void measure_regrid(void) {
     static uint8_t half_coverage[CANOPY_COVERAGE_BYTES(FINE, N)];
     struct canopy_envelope by_u = {.coefficients = half, .coverage = half_coverage};
     struct canopy_envelope by_v = {.coefficients = fine, .coverage = fine_coverage};
-    uint64_t start = canopy_instructions();
+    uint64_t start = canopy_board_instructions();
     print_must(canopy_regrid_halve(&envelopes[0], 0, &by_u) == CANOPY_OK &&
                    canopy_regrid_halve(&by_u, 1, &by_v) == CANOPY_OK,
                "not halved");
-    result("halve", "", (int64_t)(canopy_instructions() - start));
+    result("halve", "", (int64_t)(canopy_board_instructions() - start));
     const struct canopy_query_rect whole = canopy_query_whole(&envelopes[0].frame);
     const struct canopy_grid grid = {.size = {COARSE, COARSE}, .cells = CELLS};
     const uint16_t cells[2] = {CELLS, CELLS};
     struct canopy_frame frame;
-    start = canopy_instructions();
+    start = canopy_board_instructions();
     print_must(canopy_regrid_frame(&envelopes[0].frame, &whole, &grid, &frame) == CANOPY_OK &&
                    canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK,
                "no field");
     canopy_regrid_begin(&regrid, &envelopes[0], whole.low, 0, 2, &field);
     print_must(canopy_regrid_step(&regrid, UINT32_MAX) == CANOPY_OK, "not filled");
-    result("regrid", "", (int64_t)(canopy_instructions() - start));
+    result("regrid", "", (int64_t)(canopy_board_instructions() - start));
 }
 
 static void measure_scene(int32_t (*height)(uint32_t x, uint32_t y)) {
@@ -180,10 +178,10 @@ static void measure_scene(int32_t (*height)(uint32_t x, uint32_t y)) {
 }
 
 int main(void) {
-    (void)board_start(115200, 115200);
+    (void)canopy_board_start((const uint32_t[]){115200, 115200});
     scene = "hills";
     measure_scene(hills);
     scene = "boxes";
     measure_scene(boxes);
-    canopy_semihosting_exit(true);
+    canopy_board_exit(true);
 }

@@ -6,12 +6,10 @@
 //   plumb         a ray straight down;  free: a segment over everything, from edge to edge
 //   steps         most root-finder steps in one cell
 #include "lib/cover/ray.h"
-#include "board.h"  // of BOARD
 #include "hosttest/firmware/print.h"
 #include "hosttest/firmware/scene.h"
 #include "lib/cover/fast.h"
-#include "port/cortexm/count.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 enum { N = 20, CELLS = 4, COLUMNS = 400, PROFILES = 344, STEP = 30, RANGE = 8192, RAYS = 256 };
 
@@ -58,9 +56,9 @@ static int32_t draw(uint32_t limit) {
 }
 
 static uint64_t cast(const int64_t from[3], const int32_t along[3], struct canopy_ray_hit *hit) {
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     const enum canopy_status status = canopy_ray_first_fx(&envelope, from, along, hit);
-    const uint64_t taken = canopy_instructions() - start;
+    const uint64_t taken = canopy_board_instructions() - start;
     print_must(status == CANOPY_OK, "a ray was refused");
     return taken;
 }
@@ -93,17 +91,17 @@ static void measure_scene(int32_t (*height)(uint32_t x, uint32_t y)) {
     const int32_t down[3] = {0, 0, -1};
     result("plumb", cast(over, down, &hit));
     print_must(hit.outcome == CANOPY_RAY_HIT, "a plumb line misses");
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     const bool is_free = canopy_ray_is_free_fx(&envelope, left, right, &hit);
-    result("free", canopy_instructions() - start);
+    result("free", canopy_board_instructions() - start);
     print_must(is_free, "a segment above everything is not free");
 }
 
 int main(void) {
-    (void)board_start(115200, 115200);
+    (void)canopy_board_start((const uint32_t[]){115200, 115200});
     scene = "hills";
     measure_scene(hills);
     scene = "boxes";
     measure_scene(boxes);
-    canopy_semihosting_exit(true);
+    canopy_board_exit(true);
 }

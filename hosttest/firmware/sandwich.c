@@ -8,11 +8,9 @@
 //   NAME_check   of that, a row of knot cells of canopy_sandwich_least
 //   NAME_raised  upper coefficients that were raised
 #include "lib/cover/sandwich.h"
-#include "board.h"  // of BOARD
 #include "hosttest/firmware/print.h"
 #include "hosttest/firmware/scene.h"
-#include "port/cortexm/count.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 enum { N = 20, CELLS = 4, COLUMNS = 400, PROFILES = 344, STEP = 30, RANGE = 8192 };
 
@@ -45,9 +43,9 @@ static void fill(int32_t (*height)(uint32_t x, uint32_t y)) {
     for (uint32_t y = 0; y < PROFILES; y++) {
         for (uint32_t x = 0; x < COLUMNS; x++) {
             const int32_t point[1][3] = {{(int32_t)x * STEP, (int32_t)y * STEP, height(x, y)}};
-            const uint64_t start = canopy_instructions();
+            const uint64_t start = canopy_board_instructions();
             print_must(canopy_sandwich_feed_fx(&fields[0], &fields[1], point, 1) == 0, "a point was refused");
-            sum += canopy_instructions() - start;
+            sum += canopy_board_instructions() - start;
         }
     }
     result("feed", (int64_t)(sum / (PROFILES * COLUMNS)));
@@ -56,7 +54,7 @@ static void fill(int32_t (*height)(uint32_t x, uint32_t y)) {
 static void measure_one(void) {
     struct canopy_fast *fast = &sandwich.fast;
     struct canopy_certify *certify = &sandwich.certify;
-    const uint64_t start = canopy_instructions();
+    const uint64_t start = canopy_board_instructions();
     print_must(canopy_fast_init(fast, &fields[0], CANOPY_FX, 1, arena, sizeof arena) == CANOPY_OK &&
                    canopy_fast_begin(fast, upper) == CANOPY_OK,
                "no fit");
@@ -65,7 +63,7 @@ static void measure_one(void) {
     print_must(canopy_certify_init(certify, &fields[0], arena, sizeof arena) == CANOPY_OK, "no certificate");
     canopy_certify_begin(certify, upper);
     print_must(canopy_certify_step(certify, UINT32_MAX) == CANOPY_OK, "not safe");
-    result("one", (int64_t)(canopy_instructions() - start));
+    result("one", (int64_t)(canopy_board_instructions() - start));
 }
 
 static void measure_both(void) {
@@ -76,10 +74,10 @@ static void measure_both(void) {
                    canopy_sandwich_begin(&sandwich, upper, lower) == CANOPY_OK,
                "no sandwich");
     for (enum canopy_status status = CANOPY_MORE; status != CANOPY_OK; steps++) {
-        const uint64_t start = canopy_instructions();
+        const uint64_t start = canopy_board_instructions();
         const bool checks = sandwich.stage == CANOPY_SANDWICH_CHECK;
         status = canopy_sandwich_step(&sandwich, 1);
-        const uint64_t took = canopy_instructions() - start;
+        const uint64_t took = canopy_board_instructions() - start;
         print_must(status == CANOPY_OK || status == CANOPY_MORE, "no sandwich");
         sum += took;
         longest = took > longest ? took : longest;
@@ -95,12 +93,12 @@ static void measure_both(void) {
 int main(void) {
     int32_t (*const heights[2])(uint32_t x, uint32_t y) = {hills, boxes};
     static const char *const names[2] = {"hills", "boxes"};
-    (void)board_start(115200, 115200);
+    (void)canopy_board_start((const uint32_t[]){115200, 115200});
     for (int k = 0; k < 2; k++) {
         scene = names[k];
         fill(heights[k]);
         measure_one();
         measure_both();
     }
-    canopy_semihosting_exit(true);
+    canopy_board_exit(true);
 }

@@ -3,7 +3,7 @@
 
 #include "hosttest/firmware/print.h"
 #include "hosttest/unit/unit.h"
-#include "port/cortexm/semihosting.h"
+#include "port/board.h"
 
 static jmp_buf failed;
 
@@ -50,7 +50,7 @@ _Noreturn void unit_fail_numbers(const char *file, int line, const char *what, d
     unit_fail(file, line, what);
 }
 
-_Noreturn void canopy_fault_end(void) { canopy_semihosting_exit(false); }
+_Noreturn void canopy_crash_end(void) { canopy_board_exit(false); }
 
 static bool passes(const struct unit_test *test) {
     if (setjmp(failed) != 0)
@@ -73,5 +73,5 @@ int main(void) {
         print_text(unit_list.tests[i].name);
         print_text("\n");
     }
-    canopy_semihosting_exit(failures == 0);
+    canopy_board_exit(failures == 0);
 }

@@ -4,8 +4,6 @@
 
 extern uint32_t canopy_data_load[], canopy_data_start[], canopy_data_end[], canopy_bss_start[], canopy_bss_end[];
 
-extern uint32_t canopy_stack_limit[];
-
 int main(void);
 
 // Below the stack there is no memory, but not every chip and no emulator faults there: forbid the 64 KB, where the chip
@@ -26,8 +24,14 @@ void canopy_reset(void) {
         *to = *from++;
     for (uint32_t *to = canopy_bss_start; to != canopy_bss_end; to++)
         *to = 0;
+#if __ARM_ARCH > 6
     CANOPY_SCB_SHCSR |= 7u << 16;  // usage, bus and memory faults by their own names instead of HardFault
     CANOPY_SCB_CCR |= 1u << 4;     // division by zero faults
+#endif
+#ifdef __ARM_FP
+    CANOPY_SCB_CPACR |= 15u << 20;  // full access to the floating-point unit
+    __asm volatile("dsb\n\tisb" ::: "memory");
+#endif
     guard_stack();
     (void)main();
     __asm volatile("udf #0");

@@ -4,15 +4,12 @@
 
 #include <stdint.h>
 
-/// The end of the stack, from the linker: the first word of the vector table.
-extern uint32_t canopy_stack_top[];
+/// The two ends of the stack, from the linker. The upper one is the first word of the vector table.
+extern uint32_t canopy_stack_top[], canopy_stack_limit[];
 
-/// Copies .data, clears .bss, turns on the configurable faults, guards the
-/// end of the stack where the chip has a memory protection unit, and calls main. A main that returns is a fault.
+/// Copies .data, clears .bss, turns on the floating-point unit and the configurable faults where there are, guards the
+/// end of the stack where the chip has a memory protection unit, and calls main. A main that returns is a crash.
 void canopy_reset(void);
-
-/// Every exception that nobody handles, faults and the watchdog's NMI: see port/cortexm/fault.h.
-void canopy_fault_entry(void);
 
 /// The clock's interrupt: see port/cortexm/clock.h.
 void canopy_systick_entry(void);

@@ -1,7 +1,7 @@
 /// The timer of Arm's Cortex-M System Design Kit (CMSDK technical reference, 4.1) as an alarm: one interrupt at a time
 /// to come, to end a sleep.
-#ifndef CANOPY_PORT_CORTEXM_CMSDK_TIMER_H
-#define CANOPY_PORT_CORTEXM_CMSDK_TIMER_H
+#ifndef CANOPY_PORT_MPS2_CMSDK_TIMER_H
+#define CANOPY_PORT_MPS2_CMSDK_TIMER_H
 
 #include <stdint.h>
 

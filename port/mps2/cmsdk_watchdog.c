@@ -1,4 +1,4 @@
-#include "port/cortexm/cmsdk_watchdog.h"
+#include "port/mps2/cmsdk_watchdog.h"
 
 #define LOAD 0x000u
 #define CONTROL 0x008u

@@ -2,8 +2,8 @@
 /// rings.
 ///
 /// It has 8 data bits, no parity and one stop bit; it cannot do 8E1. Both rings belong to the caller.
-#ifndef CANOPY_PORT_CORTEXM_CMSDK_UART_H
-#define CANOPY_PORT_CORTEXM_CMSDK_UART_H
+#ifndef CANOPY_PORT_MPS2_CMSDK_UART_H
+#define CANOPY_PORT_MPS2_CMSDK_UART_H
 
 #include <stdatomic.h>
 

@@ -1,4 +1,4 @@
-#include "port/cortexm/cmsdk_uart.h"
+#include "port/mps2/cmsdk_uart.h"
 
 #include "port/cortexm/clock.h"
 #include "port/cortexm/core.h"

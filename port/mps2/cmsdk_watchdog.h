@@ -1,9 +1,9 @@
 /// The watchdog of Arm's Cortex-M System Design Kit (CMSDK technical reference, 4.6).
 ///
-/// It counts down from its period. At the first zero it raises NMI, which leaves a fault record that says where the
-/// program hung (port/cortexm/fault.h) and resets; should that fail too, the second zero resets by hardware.
-#ifndef CANOPY_PORT_CORTEXM_CMSDK_WATCHDOG_H
-#define CANOPY_PORT_CORTEXM_CMSDK_WATCHDOG_H
+/// It counts down from its period. At the first zero it raises NMI, which leaves a record that says where the
+/// program hung (port/cortexm/crash.h) and resets; should that fail too, the second zero resets by hardware.
+#ifndef CANOPY_PORT_MPS2_CMSDK_WATCHDOG_H
+#define CANOPY_PORT_MPS2_CMSDK_WATCHDOG_H
 
 #include "lib/port.h"
 

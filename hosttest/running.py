@@ -6,6 +6,8 @@ import subprocess
 import time
 from pathlib import Path
 
+import emulator
+
 BUILD = Path(os.environ.get("CANOPY_BUILD", "build"))
 IMAGES = BUILD / "mps2_an385"
 
@@ -13,13 +15,12 @@ IMAGES = BUILD / "mps2_an385"
 class Emulator:
     """Lines 0 and 1 are the board's, 2 is its console."""
 
-    def __init__(self, image, scratch):
+    def __init__(self, image, scratch, board="mps2_an385"):
         self.scratch = scratch
         paths = [scratch / f"line{i}" for i in range(3)]
-        serials = [word for path in paths for word in ("-serial", f"unix:{path},server=on,wait=on")]
-        self.process = subprocess.Popen(["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor",
-                                         f"unix:{scratch}/monitor,server=on,wait=off", *serials, "-kernel", str(IMAGES / image)],
-                                        stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        command = emulator.argv(board, BUILD / board / image, [f"unix:{path},server=on,wait=on" for path in paths],
+                                monitor=f"unix:{scratch}/monitor,server=on,wait=off")
+        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.lines = [self.connect(path) for path in paths]
 
     @staticmethod

@@ -1,0 +1,30 @@
+"""How to run an image on each board's emulator: the one place that knows.
+
+    argv(board, image, serials)        the command; `serials` are the board's lines 0, 1 and its console
+    argv(board, image, ..., counting=True)   with repeatable instruction counts
+
+A serial is "null", "stdio" or "unix:PATH,server=on,wait=on" (on QEMU's boards also "pty"), as QEMU has them. The image ends
+the emulator itself by canopy_board_exit (port/board.h): exit status 0 if it was good.
+"""
+
+QUIET = ["-display", "none", "-monitor"]
+SEMIHOSTING = ["-semihosting-config", "enable=on,target=native"]
+
+
+def qemu(program, machine):
+    def argv(image, serials, counting, monitor):
+        lines = [word for serial in serials for word in ("-serial", serial)]
+        return [program, "-M", machine, *QUIET, monitor, *lines, *SEMIHOSTING,
+                *(["-icount", "shift=0"] if counting else []), "-kernel", str(image)]
+    return argv
+
+
+BOARDS = {
+    "mps2_an385": qemu("qemu-system-arm", "mps2-an385"),
+}
+
+CONSOLE_ONLY = ("null", "null", "stdio")
+
+
+def argv(board, image, serials=CONSOLE_ONLY, counting=False, monitor="none"):
+    return BOARDS[board](image, serials, counting, monitor)
