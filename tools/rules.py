@@ -23,7 +23,7 @@ FORBIDDEN = re.compile(r"\b(malloc|calloc|realloc|free|alloca|printf|fprintf|snp
                        r"setjmp|longjmp|errno|time|rand|qsort)\s*\(")
 # Where else files may include from, besides their own directory and system headers.
 PLACES = {
-    "port": ("lib/", "port/"),
+    "port": ("lib/", "port/", "board.h"),
     "boards": ("lib/", "port/", "boards/", "tools/common/"),
     "tools": ("lib/", "tools/", "port/linux/"),
     "hosttest": ("lib/", "tools/", "port/", "boards/", "hosttest/", "board.h"),
