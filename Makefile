@@ -162,7 +162,8 @@ test: test-programs tools all-firmware | setup-python setup-emulator  ## every t
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Firmware: for every board with a board.mk the station (boards/<board>/main.c), every unit list, and those programs of
-# hosttest/firmware that the board.mk names. Boards of one family share ports; each has its own objects.
+# hosttest/firmware that the board.mk names. Boards of one family share ports, all share port/common; each has its own
+# objects.
 
 FIRMWARE_BOARDS := $(sort $(notdir $(patsubst %/board.mk,%,$(wildcard boards/*/board.mk))))
 FW_FLAGS := -Os -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
@@ -179,7 +180,7 @@ define board_rules
 $(1)_LINK := $(BOARD_CROSS)gcc $(BOARD_CPU) $(BOARD_SPECS) $(FW_LINK) -Tlinker/$(BOARD_CHIP).ld
 $(1)_SETUP := setup-$(BOARD_SETUP)
 $(1)_PARTS := $(patsubst %.c,$(BUILD)/$(1)/obj/%.o,$(sort $(filter-out boards/$(1)/main.c,$(wildcard boards/$(1)/*.c)) \
-    $(foreach p,$(BOARD_PORTS),$(wildcard port/$(p)/*.c))))
+    $(foreach p,common $(BOARD_PORTS),$(wildcard port/$(p)/*.c))))
 $(1)_STATIONS := $(patsubst %,$(BUILD)/$(1)/%.elf,$(if $(wildcard boards/$(1)/main.c),canopy $(BOARD_GRIDS:%=canopy-%)))
 $(1)_UNITS := $(UNIT_NAMES:%=$(BUILD)/$(1)/%.elf)
 $(1)_OTHERS := $(BOARD_PROGRAMS:%=$(BUILD)/$(1)/%.elf)

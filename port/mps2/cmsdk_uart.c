@@ -19,39 +19,15 @@
 
 static volatile uint32_t *at(uintptr_t base, uint32_t offset) { return (volatile uint32_t *)(base + offset); }
 
-static bool ring_put(struct canopy_cmsdk_ring *ring, uint8_t byte) {
-    const uint32_t written = atomic_load_explicit(&ring->written, memory_order_relaxed);
-    if (written - atomic_load_explicit(&ring->read, memory_order_acquire) == ring->capacity)
-        return false;
-    ring->bytes[written & (ring->capacity - 1u)] = byte;
-    atomic_store_explicit(&ring->written, written + 1u, memory_order_release);
-    return true;
-}
-
-static bool ring_take(struct canopy_cmsdk_ring *ring, uint8_t *byte) {
-    const uint32_t read = atomic_load_explicit(&ring->read, memory_order_relaxed);
-    if (atomic_load_explicit(&ring->written, memory_order_acquire) == read)
-        return false;
-    *byte = ring->bytes[read & (ring->capacity - 1u)];
-    atomic_store_explicit(&ring->read, read + 1u, memory_order_release);
-    return true;
-}
-
-static void count_lost(struct canopy_cmsdk_uart *uart) {
-    // Only the receive interrupt writes it: no read-modify-write is needed.
-    atomic_store_explicit(&uart->lost, atomic_load_explicit(&uart->lost, memory_order_relaxed) + 1u,
-                          memory_order_relaxed);
-}
-
 void canopy_cmsdk_uart_on_receive(struct canopy_cmsdk_uart *uart) {
     *at(uart->base, INTERRUPT) = INTERRUPT_RECEIVE;
     const uint32_t state = *at(uart->base, STATE);
     if ((state & STATE_RECEIVE_OVERRUN) != 0) {
         *at(uart->base, STATE) = STATE_RECEIVE_OVERRUN;
-        count_lost(uart);
+        canopy_byte_ring_lose(&uart->received);
     }
-    if ((state & STATE_RECEIVE_FULL) != 0 && !ring_put(&uart->received, (uint8_t)*at(uart->base, DATA)))
-        count_lost(uart);
+    if ((state & STATE_RECEIVE_FULL) != 0 && !canopy_byte_ring_put(&uart->received, (uint8_t)*at(uart->base, DATA)))
+        canopy_byte_ring_lose(&uart->received);
     canopy_cortexm_note_activity();
 }
 
@@ -60,7 +36,7 @@ static void send_next(struct canopy_cmsdk_uart *uart) {
     if ((*at(uart->base, STATE) & STATE_SEND_FULL) != 0)
         return;
     uint8_t byte;
-    if (ring_take(&uart->sending, &byte))
+    if (canopy_byte_ring_take(&uart->sending, &byte))
         *at(uart->base, DATA) = byte;
     else
         uart->emptied_us = uart->clock.now_us(uart->clock.context);
@@ -74,17 +50,12 @@ void canopy_cmsdk_uart_on_transmit(struct canopy_cmsdk_uart *uart) {
 
 static size_t stream_read(void *context, uint8_t *to, size_t length) {
     struct canopy_cmsdk_uart *uart = context;
-    size_t count = 0;
-    while (count < length && ring_take(&uart->received, &to[count]))
-        count++;
-    return count;
+    return canopy_byte_ring_read(&uart->received, to, length);
 }
 
 static size_t stream_write(void *context, const uint8_t *from, size_t length) {
     struct canopy_cmsdk_uart *uart = context;
-    size_t count = 0;
-    while (count < length && ring_put(&uart->sending, from[count]))
-        count++;
+    const size_t count = canopy_byte_ring_write(&uart->sending, from, length);
     if (count > 0) {
         // The interrupt comes when the buffer empties; an idle transmitter must be started by hand.
         const uint32_t before = canopy_core_mask();
@@ -97,9 +68,7 @@ static size_t stream_write(void *context, const uint8_t *from, size_t length) {
 static bool stream_sent(void *context) {
     struct canopy_cmsdk_uart *uart = context;
     const uint32_t before = canopy_core_mask();
-    const bool empty = atomic_load_explicit(&uart->sending.read, memory_order_relaxed) ==
-                           atomic_load_explicit(&uart->sending.written, memory_order_relaxed) &&
-                       (*at(uart->base, STATE) & STATE_SEND_FULL) == 0 &&
+    const bool empty = canopy_byte_ring_empty(&uart->sending) && (*at(uart->base, STATE) & STATE_SEND_FULL) == 0 &&
                        (*at(uart->base, INTERRUPT) & INTERRUPT_SEND) == 0;
     const uint64_t emptied_us = uart->emptied_us;
     canopy_core_restore(before);
@@ -108,7 +77,7 @@ static bool stream_sent(void *context) {
 
 static uint32_t stream_lost(void *context) {
     const struct canopy_cmsdk_uart *uart = context;
-    return atomic_load_explicit(&uart->lost, memory_order_relaxed);
+    return canopy_byte_ring_lost(&uart->received);
 }
 
 void canopy_cmsdk_uart_start(struct canopy_cmsdk_uart *uart, const struct canopy_cmsdk_uart_config *config) {
@@ -116,9 +85,9 @@ void canopy_cmsdk_uart_start(struct canopy_cmsdk_uart *uart, const struct canopy
         .base = config->base,
         .byte_us = (10000000u + config->baud - 1u) / config->baud,
         .clock = config->clock,
-        .received = {.bytes = config->receive_ring, .capacity = config->receive_length},
-        .sending = {.bytes = config->send_ring, .capacity = config->send_length},
     };
+    canopy_byte_ring_init(&uart->received, config->receive_ring, config->receive_length);
+    canopy_byte_ring_init(&uart->sending, config->send_ring, config->send_length);
     *at(uart->base, CTRL) = 0;
     *at(uart->base, BAUD_DIVISOR) = config->clock_hz / config->baud;
     *at(uart->base, INTERRUPT) = INTERRUPT_SEND | INTERRUPT_RECEIVE;

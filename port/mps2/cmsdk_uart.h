@@ -5,27 +5,16 @@
 #ifndef CANOPY_PORT_MPS2_CMSDK_UART_H
 #define CANOPY_PORT_MPS2_CMSDK_UART_H
 
-#include <stdatomic.h>
-
 #include "lib/port.h"
-
-/// A ring with one writer and one reader, one of them an interrupt. Its counts grow without end; their difference is
-/// what is inside.
-struct canopy_cmsdk_ring {
-    uint8_t *bytes;
-    uint32_t capacity;  ///< a power of two
-    atomic_uint_fast32_t written;
-    atomic_uint_fast32_t read;
-};
+#include "port/common/byte_ring.h"
 
 struct canopy_cmsdk_uart {
     uintptr_t base;
     uint32_t byte_us;  ///< ten bits on the wire, rounded up
     struct canopy_clock clock;
-    struct canopy_cmsdk_ring received;
-    struct canopy_cmsdk_ring sending;
-    uint64_t emptied_us;        ///< when the last byte went from the buffer to the wire; written with interrupts masked
-    atomic_uint_fast32_t lost;  ///< received bytes lost, monotonic
+    struct canopy_byte_ring received;
+    struct canopy_byte_ring sending;
+    uint64_t emptied_us;  ///< when the last byte went from the buffer to the wire; written with interrupts masked
 };
 
 struct canopy_cmsdk_uart_config {
