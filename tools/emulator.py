@@ -21,6 +21,8 @@ def qemu(program, machine):
 
 BOARDS = {
     "mps2_an385": qemu("qemu-system-arm", "mps2-an385"),
+    "mps2_an386": qemu("qemu-system-arm", "mps2-an386"),
+    "mps2_an500": qemu("qemu-system-arm", "mps2-an500"),
 }
 
 CONSOLE_ONLY = ("null", "null", "stdio")
