@@ -2,50 +2,11 @@
 
 #include <stddef.h>
 
-#include "port/board.h"
+#include "port/common/crash_record.h"
 #include "port/cortexm/core.h"
 #include "port/cortexm/startup.h"
 
-#define MAGIC 0x43414E46u
 #define FRAME_BYTES 32u  // r0-r3, r12, lr, pc, psr
-
-static struct {
-    uint32_t magic;
-    struct canopy_crash crash;
-    uint32_t check;  // exclusive or of all before it
-} kept __attribute__((section(".noinit")));
-
-static uint32_t checksum(void) {
-    const struct canopy_crash *c = &kept.crash;
-    return kept.magic ^ c->kind ^ c->pc ^ c->lr ^ c->sp ^ c->status ^ c->address ^ c->count;
-}
-
-static bool is_valid(void) { return kept.magic == MAGIC && kept.check == checksum(); }
-
-const struct canopy_crash *canopy_board_last_crash(void) {
-    return is_valid() && kept.crash.kind != CANOPY_CRASH_NONE ? &kept.crash : NULL;
-}
-
-void canopy_board_forget_crash(void) {
-    if (!is_valid())
-        kept.crash.count = 0;
-    kept.magic = MAGIC;
-    kept.crash.kind = CANOPY_CRASH_NONE;
-    kept.check = checksum();
-}
-
-__attribute__((weak)) _Noreturn void canopy_crash_end(void) { canopy_board_reset(); }
-
-static void put_text(const char *text) {
-    while (*text != '\0')
-        canopy_board_put(*text++);
-}
-
-static void put_number(const char *name, uint32_t value) {
-    put_text(name);
-    for (int shift = 28; shift >= 0; shift -= 4)
-        canopy_board_put("0123456789abcdef"[(value >> shift) & 15u]);
-}
 
 // The processor pushed eight words; they may be read only if they are in the stack.
 static const uint32_t *pushed_at(uint32_t sp) {
@@ -55,7 +16,7 @@ static const uint32_t *pushed_at(uint32_t sp) {
 
 // Why, and at which address, where the processor knows: ARMv6-M does not.
 static void look_why(struct canopy_crash *crash) {
-    crash->status = crash->address = 0;
+    (void)crash;
 #if __ARM_ARCH > 6
     crash->status = CANOPY_SCB_CFSR;
     if ((crash->status & (1u << 15)) != 0)
@@ -67,25 +28,14 @@ static void look_why(struct canopy_crash *crash) {
 
 // Called by the entry below, on a fresh stack, with the exception's stack pointer and number.
 __attribute__((used)) static _Noreturn void record_crash(uint32_t sp, uint32_t kind) {
-    const uint32_t count = is_valid() ? kept.crash.count : 0;
     const uint32_t *pushed = pushed_at(sp);
-    struct canopy_crash *crash = &kept.crash;
-    kept.magic = MAGIC;
-    crash->kind = kind;
-    crash->lr = pushed != NULL ? pushed[5] : 0;
-    crash->pc = pushed != NULL ? pushed[6] : 0;
-    crash->sp = sp;
-    look_why(crash);
-    crash->count = count + 1;
-    kept.check = checksum();
-
-    put_number("\r\ncrash ", kind);
-    put_number(" pc ", crash->pc);
-    put_number(" lr ", crash->lr);
-    put_number(" status ", crash->status);
-    put_number(" address ", crash->address);
-    put_text("\r\n");
-    canopy_crash_end();
+    struct canopy_crash crash = {.kind = kind, .sp = sp};
+    if (pushed != NULL) {
+        crash.lr = pushed[5];
+        crash.pc = pushed[6];
+    }
+    look_why(&crash);
+    canopy_crash_record(&crash);
 }
 
 // The stack may be what is broken, or full: then start again from its top, which is far from where it is full. Nothing
