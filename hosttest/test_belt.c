@@ -301,7 +301,7 @@ static void begin_world(struct world *w, uint64_t seed) {
     struct canopy_ring_config *ring = &w->config.ring;
     *ring = (struct canopy_ring_config){.grid = {{M, N}, Q, (uint8_t)below(w, 2)},
                                         .heading = (uint8_t)below(w, 4),
-                                        .scalar = CANOPY_FX,
+                                        .fit = &canopy_line_fit_fx,
                                         .lines = (uint16_t)(1 + below(w, 2)),
                                         .open = OPEN};
     // Half an hour at the usual speed before coordinates end.

@@ -270,8 +270,9 @@ static int32_t fit(const struct scene *s, const struct canopy_frame *frame, int3
                                ? canopy_field_feed_f32(&field, (const float(*)[3])s->cloud.f32, s->cloud.count)
                                : canopy_field_feed_fx(&field, (const int32_t(*)[3])s->cloud.fx, s->cloud.count);
     assert_int_equal(refused, 0);
-    assert_int_equal(canopy_fast_init(&fast, &field, s->cloud.scalar, s->lines, fast_arena, sizeof fast_arena),
-                     CANOPY_OK);
+    assert_int_equal(
+        canopy_fast_init(&fast, &field, canopy_line_fit_of(s->cloud.scalar), s->lines, fast_arena, sizeof fast_arena),
+        CANOPY_OK);
     assert_int_equal(canopy_fast_begin(&fast, b), CANOPY_OK);
     while (canopy_fast_step(&fast, 3) == CANOPY_MORE) {}
     assert_int_equal(canopy_certify_init(&certify, &field, certify_arena, sizeof certify_arena), CANOPY_OK);

@@ -60,7 +60,8 @@ static int32_t fit(enum canopy_scalar scalar, const struct canopy_frame *frame, 
     assert_int_equal(scalar == CANOPY_F32 ? canopy_field_feed_f32(&field, (const float(*)[3])f32, POINTS)
                                           : canopy_field_feed_fx(&field, (const int32_t(*)[3])fx, POINTS),
                      0);
-    assert_int_equal(canopy_fast_init(&fast, &field, scalar, lines, fast_arena, sizeof fast_arena), CANOPY_OK);
+    assert_int_equal(canopy_fast_init(&fast, &field, canopy_line_fit_of(scalar), lines, fast_arena, sizeof fast_arena),
+                     CANOPY_OK);
     assert_int_equal(canopy_fast_begin(&fast, b), CANOPY_OK);
     while (canopy_fast_step(&fast, 100) == CANOPY_MORE) {}
     assert_int_equal(canopy_certify_init(&certify, &field, certify_arena, sizeof certify_arena), CANOPY_OK);

@@ -16,7 +16,6 @@
 
 #include "hosttest/judge.h"
 #include "lib/cover/fast.h"
-#include "lib/cover/fast_parts.h"
 #include "lib/spline/bound.h"
 #include "tools/common/random.h"
 #include "tools/common/surface.h"
@@ -145,7 +144,7 @@ static void turn_cloud(int64_t points[CLOUD][2], int direction) {
 // A point between two nodes is below the straight line between them if it is below both.
 static void fit_curve(int64_t points[CLOUD][2], struct curve *curve, enum canopy_scalar scalar) {
     static CANOPY_ARENA_DECLARE(arena, CANOPY_LINE_ARENA(CURVE_MAX, CELLS));
-    const struct canopy_line_fit *fit = &canopy_line_fits[scalar];
+    const struct canopy_line_fit *fit = canopy_line_fit_of(scalar);
     struct canopy_arena cut;
     struct canopy_line line;
     int64_t right = INT64_MIN;
@@ -256,7 +255,7 @@ static void draw_heights(uint64_t *random, uint32_t kind, uint16_t n, int32_t *n
 static void count_solves(uint16_t n, uint32_t lines, enum canopy_scalar scalar,
                          uint32_t histogram[CANOPY_LINE_SOLVES + 1]) {
     const size_t bytes = CANOPY_LINE_ARENA(LONG, 1);
-    const struct canopy_line_fit *fit = &canopy_line_fits[scalar];
+    const struct canopy_line_fit *fit = canopy_line_fit_of(scalar);
     void *arena = malloc(bytes);
     int32_t *b = malloc(n * sizeof *b);
     struct canopy_arena cut;
@@ -437,8 +436,8 @@ static void rows_fitted_in_parallel_are_the_same(void **state) {
         struct canopy_fast fasts[2];
         int32_t b[2][M * N];
         for (int k = 0; k < 2; k++) {
-            assert_int_equal(canopy_fast_init(&fasts[k], &field, (enum canopy_scalar)scalar, 1, fast_arenas[k],
-                                              sizeof fast_arenas[k]),
+            assert_int_equal(canopy_fast_init(&fasts[k], &field, canopy_line_fit_of((enum canopy_scalar)scalar), 1,
+                                              fast_arenas[k], sizeof fast_arenas[k]),
                              CANOPY_OK);
             assert_int_equal(canopy_fast_begin(&fasts[k], b[k]), CANOPY_OK);
         }

@@ -780,7 +780,7 @@ static bool regrid(const struct canopy_envelope *old, const struct canopy_query_
     struct canopy_fast fast;
     struct canopy_certify certify;
     REQUIRE(canopy_field_init(&field, &now->frame, cells, arena[0], bytes[0]) == CANOPY_OK);
-    REQUIRE(canopy_fast_init(&fast, &field, CANOPY_FX, 1, arena[1], bytes[1]) == CANOPY_OK);
+    REQUIRE(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, 1, arena[1], bytes[1]) == CANOPY_OK);
     REQUIRE(canopy_certify_init(&certify, &field, arena[2], bytes[2]) == CANOPY_OK);
     static struct canopy_regrid work;
     canopy_regrid_begin(&work, old, box->low, 0, cuts, &field);

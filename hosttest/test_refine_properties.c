@@ -125,7 +125,8 @@ static void add_window(struct scene *s, unsigned level) {
 static void fit_base(struct scene *s) {
     struct canopy_fast fast;
     enum canopy_status status;
-    assert_int_equal(canopy_fast_init(&fast, &s->field, s->scalar, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
+    assert_int_equal(
+        canopy_fast_init(&fast, &s->field, canopy_line_fit_of(s->scalar), 1, fast_arena, sizeof fast_arena), CANOPY_OK);
     assert_int_equal(canopy_fast_begin(&fast, s->b), CANOPY_OK);
     while (canopy_fast_step(&fast, 99) == CANOPY_MORE) {}
     canopy_certify_begin(&s->base, s->b);

@@ -271,7 +271,7 @@ static void random_config(struct life *l) {
     *c = (struct canopy_ring_config){
         .grid = {{(uint16_t)(4 + below(l, GRID_MAX - 3)), (uint16_t)(4 + below(l, 8))}, q, (uint8_t)below(l, 2)}};
     c->heading = (uint8_t)below(l, 4);
-    c->scalar = (uint8_t)below(l, 2);
+    c->fit = canopy_line_fit_of(below(l, 2) ? CANOPY_FX : CANOPY_F32);
     c->open = (uint16_t)(1 + below(l, OPEN_MAX));
     c->lines = chance(l, 0.5) ? 1 : q;
     const int along = c->heading % 2, across = 1 - along;
@@ -415,7 +415,7 @@ static double full_gap(const struct canopy_ring *ring, uint16_t lines) {
     struct canopy_fast fast;
     static int32_t b[M * N];
     enum canopy_status status =
-        canopy_fast_init(&fast, &ring->field, (enum canopy_scalar)ring->scalar, lines, fast_arena, sizeof fast_arena);
+        canopy_fast_init(&fast, &ring->field, ring->refit.fast.fit, lines, fast_arena, sizeof fast_arena);
     assert_int_equal(status, CANOPY_OK);
     assert_int_equal(canopy_fast_begin(&fast, b), CANOPY_OK);
     while ((status = canopy_fast_step(&fast, 100)) == CANOPY_MORE) {}
@@ -423,8 +423,11 @@ static double full_gap(const struct canopy_ring *ring, uint16_t lines) {
     return mean_gap(&ring->field, b);
 }
 
-static const struct canopy_ring_config even = {
-    .grid = {{M, N}, Q, CANOPY_ABOVE}, .high = {(M - 1) * STEPS * 25, 59 * 25, 1100}, .lines = 1, .open = 1};
+static const struct canopy_ring_config even = {.grid = {{M, N}, Q, CANOPY_ABOVE},
+                                               .high = {(M - 1) * STEPS * 25, 59 * 25, 1100},
+                                               .fit = &canopy_line_fit_f32,
+                                               .lines = 1,
+                                               .open = 1};
 
 static void a_row_costs_its_own_lines_settles_and_is_as_tight(void **state) {
     (void)state;
@@ -432,7 +435,7 @@ static void a_row_costs_its_own_lines_settles_and_is_as_tight(void **state) {
         for (uint16_t lines = 1; lines <= Q; lines = (uint16_t)(lines * Q)) {
             struct canopy_ring_config config = even;
             config.lines = lines;
-            config.scalar = (uint8_t)scalar;
+            config.fit = canopy_line_fit_of((enum canopy_scalar)scalar);
             static struct canopy_ring ring;
             assert_int_equal(canopy_ring_init(&ring, &config, belt_arena, sizeof belt_arena), CANOPY_OK);
             static int32_t settled[ROWS][N];
@@ -472,7 +475,7 @@ static void a_head_covers_its_whole_turn(void **state) {
     static uint8_t coverage[CANOPY_COVERAGE_BYTES(LONG, 5)];
     const struct canopy_ring_config config = {.grid = {{LONG, 5}, 4, CANOPY_BELOW},
                                               .high = {(LONG - 1) * PITCH, 100, 1000},
-                                              .scalar = CANOPY_FX,
+                                              .fit = &canopy_line_fit_fx,
                                               .lines = 1,
                                               .open = 1,
                                               .period = TURN};

@@ -158,9 +158,9 @@ static void fill_fields(const struct scene *s, struct subject *x) {
 static void fit_fast(struct scene *s, struct subject *x) {
     struct canopy_sandwich *w = &x->sandwich;
     fill_fields(s, x);
-    assert_int_equal(
-        canopy_sandwich_init(w, &x->field[0], &x->field[1], s->scalar, s->lines, sandwich_arena, sizeof sandwich_arena),
-        CANOPY_OK);
+    assert_int_equal(canopy_sandwich_init(w, &x->field[0], &x->field[1], canopy_line_fit_of(s->scalar), s->lines,
+                                          sandwich_arena, sizeof sandwich_arena),
+                     CANOPY_OK);
     assert_int_equal(canopy_sandwich_begin(w, x->b[0], x->b[1]), CANOPY_OK);
     enum canopy_status status;
     while ((status = canopy_sandwich_step(w, 1 + canopy_random_below(&s->random, 9))) == CANOPY_MORE) {}
@@ -331,9 +331,9 @@ static void tight_pairs_are_safe_and_never_cross_at_any_time(void **state) {
 
 static void fit_one(const struct scene *s, struct subject *x, int side, bool tight) {
     struct canopy_fast fast;
-    assert_int_equal(
-        canopy_fast_init(&fast, &x->field[side], s->scalar, s->lines, sandwich_arena, sizeof sandwich_arena),
-        CANOPY_OK);
+    assert_int_equal(canopy_fast_init(&fast, &x->field[side], canopy_line_fit_of(s->scalar), s->lines, sandwich_arena,
+                                      sizeof sandwich_arena),
+                     CANOPY_OK);
     assert_int_equal(canopy_fast_begin(&fast, x->b[side]), CANOPY_OK);
     while (canopy_fast_step(&fast, 100) == CANOPY_MORE) {}
     if (tight) {

@@ -514,6 +514,7 @@ static void choose(struct world *w, struct canopy_station_config *config, struct
         .grid = {.size = {(uint16_t)between(w, 4, GRID_MAX), (uint16_t)between(w, 4, GRID_MAX)},
                  .cells = q,
                  .side = (uint8_t)below(w, 2)},
+        .fit = &canopy_line_fit_fx,
         .lines = chance(w, 0.5) ? 1 : q,
         .clients = CLIENTS,
         .unit = 0.5F,
@@ -595,6 +596,7 @@ static void test_random_lives(void **state) {
 enum { FEW = 4, STEPS_MAX = 64 };
 
 static const struct canopy_station_config SMALL = {.grid = {.size = {4, 4}, .cells = 1, .side = CANOPY_ABOVE},
+                                                   .fit = &canopy_line_fit_fx,
                                                    .lines = 1,
                                                    .clients = CLIENTS,
                                                    .unit = 1,
@@ -838,6 +840,7 @@ static void test_spare_time_makes_it_tighter(void **state) {
     (void)state;
     struct world *w = &world;
     struct canopy_station_config config = {.grid = {{8, 7}, 4, CANOPY_BELOW},
+                                           .fit = &canopy_line_fit_fx,
                                            .lines = 1,
                                            .clients = 1,
                                            .unit = 1.0F,
@@ -950,6 +953,9 @@ static void test_arguments(void **state) {
         config.grid = bad[i];
         assert_int_equal(canopy_station_init(station, &config, arena, bytes, 0), CANOPY_ARGUMENT);
     }
+    config = SMALL;
+    config.fit = NULL;
+    assert_int_equal(canopy_station_init(station, &config, arena, bytes, 0), CANOPY_ARGUMENT);
     config = SMALL;
     config.lines = 2;  // does not divide one cell
     assert_int_equal(canopy_station_init(station, &config, arena, bytes, 0), CANOPY_ARGUMENT);

@@ -187,6 +187,7 @@ static void start(struct life *l, uint64_t seed) {
         .grid = {.size = {(uint16_t)(4 + below(l, GRID_MAX - 3)), (uint16_t)(4 + below(l, GRID_MAX - 3))},
                  .cells = (uint16_t)(1 + below(l, CELLS_MAX)),
                  .side = (uint8_t)below(l, 2)},
+        .fit = &canopy_line_fit_fx,
         .lines = 1,
         .clients = 1,
         .unit = 1,
@@ -275,7 +276,8 @@ static void turned_lives(void **state) {
 static void axes_that_are_no_rotation(void **state) {
     (void)state;
     struct life l = {0};
-    l.config = (struct canopy_station_config){.grid = {{4, 4}, 1, CANOPY_ABOVE}, .lines = 1, .clients = 1, .unit = 1};
+    l.config = (struct canopy_station_config){
+        .grid = {{4, 4}, 1, CANOPY_ABOVE}, .fit = &canopy_line_fit_fx, .lines = 1, .clients = 1, .unit = 1};
     l.config.axes[0][0] = CANOPY_AXIS_ONE;
     assert_int_equal(canopy_station_init(&l.station, &l.config, arena, sizeof arena, 0), CANOPY_ARGUMENT);
     memset(l.config.axes, 0, sizeof l.config.axes);
@@ -292,7 +294,8 @@ static void axes_that_are_no_rotation(void **state) {
 static void a_reading_that_may_be_anywhere(void **state) {
     (void)state;
     struct life l = {0};
-    l.config = (struct canopy_station_config){.grid = {{4, 4}, 1, CANOPY_ABOVE}, .lines = 1, .clients = 1, .unit = 1};
+    l.config = (struct canopy_station_config){
+        .grid = {{4, 4}, 1, CANOPY_ABOVE}, .fit = &canopy_line_fit_fx, .lines = 1, .clients = 1, .unit = 1};
     const int32_t slant[3] = {1, 0, 1}, low[3] = {0, 0, 0}, high[3] = {100, 100, 10}, point[3] = {50, 50, 5};
     assert_int_equal(canopy_axes_from_direction_fx(slant, l.config.axes), CANOPY_OK);
     assert_int_equal(canopy_station_init(&l.station, &l.config, arena, sizeof arena, 0), CANOPY_OK);

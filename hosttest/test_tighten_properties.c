@@ -170,7 +170,8 @@ static void fill_field(const struct scene *s, struct subject *x, size_t count) {
 
 static void start_fast(struct subject *x) {
     struct canopy_fast fast;
-    assert_int_equal(canopy_fast_init(&fast, &x->field, CANOPY_F32, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
+    assert_int_equal(canopy_fast_init(&fast, &x->field, &canopy_line_fit_f32, 1, fast_arena, sizeof fast_arena),
+                     CANOPY_OK);
     assert_int_equal(canopy_fast_begin(&fast, x->b), CANOPY_OK);
     while (canopy_fast_step(&fast, 100) == CANOPY_MORE) {}
     canopy_certify_begin(&x->certify, x->b);

@@ -203,8 +203,9 @@ static void check_certificate(uint64_t seed) {
     const uint16_t lines = canopy_random_chance(&random, 0.5) ? 1 : field.axis[0].cells;
     struct canopy_fast fast;
     int32_t b[SIZE * SIZE], changed[SIZE * SIZE], margin, margin_changed;
-    MUST(canopy_fast_init(&fast, &field, canopy_random_chance(&random, 0.5) ? CANOPY_FX : CANOPY_F32, lines, fast_arena,
-                          sizeof fast_arena) == CANOPY_OK);
+    MUST(canopy_fast_init(&fast, &field,
+                          canopy_line_fit_of(canopy_random_chance(&random, 0.5) ? CANOPY_FX : CANOPY_F32), lines,
+                          fast_arena, sizeof fast_arena) == CANOPY_OK);
     const enum canopy_status status = canopy_fast_begin(&fast, b);
     uint8_t coverage[CANOPY_COVERAGE_BYTES(SIZE, SIZE)], seen[CANOPY_FREE_SEEN_BYTES(SIZE, SIZE)];
     if (canopy_field_coverage(&field, coverage) == 0) {

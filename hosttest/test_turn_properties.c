@@ -443,7 +443,7 @@ static void fit(const struct scene *s, const struct canopy_frame *frame, const s
     struct canopy_fast fast;
     struct canopy_certify certify;
     enum canopy_status status;
-    need(canopy_fast_init(&fast, field, s->scalar, 1, fast_arena, sizeof fast_arena) == CANOPY_OK &&
+    need(canopy_fast_init(&fast, field, canopy_line_fit_of(s->scalar), 1, fast_arena, sizeof fast_arena) == CANOPY_OK &&
              canopy_fast_begin(&fast, b) == CANOPY_OK,
          "no fit");
     while (canopy_fast_step(&fast, UINT32_MAX) == CANOPY_MORE) {}

@@ -117,6 +117,7 @@ static bool open_station(struct canopyd *daemon, const struct canopyd_options *o
         clients += places(&options->modbus[i]);
     }
     struct canopy_station_config config = {.grid = *grid,
+                                           .fit = &canopy_line_fit_fx,
                                            .lines = options->lines,
                                            .clients = (uint8_t)clients,
                                            .unit = daemon->told_unit > 0 ? (float)daemon->told_unit : 1.0F,

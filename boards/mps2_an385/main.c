@@ -45,6 +45,7 @@ int main(void) {
         .columns = COLUMNS,
         .timeout_us = TIMEOUT_US,
         .station = {.grid = {.size = {STATION_GRID_M, STATION_GRID_N}, .cells = CELLS, .side = CANOPY_ABOVE},
+                    .fit = &canopy_line_fit_fx,
                     .lines = LINES,
                     .clients = 1,
                     .unit = 1.0F,

@@ -71,7 +71,7 @@ static struct cost take_row(uint32_t row) {
 static void measure_full(const char *scene) {
     static struct canopy_fast fast;
     static struct canopy_certify certify;
-    must(canopy_fast_init(&fast, &ring.field, CANOPY_FX, LINES, fast_arena, sizeof fast_arena), "no fit");
+    must(canopy_fast_init(&fast, &ring.field, &canopy_line_fit_fx, LINES, fast_arena, sizeof fast_arena), "no fit");
     must(canopy_certify_init(&certify, &ring.field, certify_arena, sizeof certify_arena), "no certificate");
     const uint64_t start = canopy_board_instructions();
     must(canopy_fast_begin(&fast, coefficients), "no fit");
@@ -99,7 +99,7 @@ static void measure_belt(const char *scene, int32_t (*height)(uint32_t x, uint32
         .grid = {.size = {M, N}, .cells = CELLS, .side = CANOPY_ABOVE},
         .low = {0, 0, 0},
         .high = {(M - 1) * PROFILES * STEP, STEP * (COLUMNS - 1), 8192},
-        .scalar = CANOPY_FX,
+        .fit = &canopy_line_fit_fx,
         .lines = LINES,
         .open = 1,
     };

@@ -136,6 +136,7 @@ static void measure_refit(const struct scene *scene) {
 static void measure_scene(const struct scene *scene) {
     const struct canopy_station_config config = {
         .grid = {.size = {M, N}, .cells = CELLS, .side = CANOPY_ABOVE},
+        .fit = &canopy_line_fit_fx,
         .lines = LINES,
         .clients = 1,
         .unit = 1.0F,

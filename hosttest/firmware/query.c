@@ -47,7 +47,7 @@ static void fit(int32_t (*height)(uint32_t x, uint32_t y), int which) {
     struct canopy_frame frame;
     print_must(canopy_frame_around_fx(&frame, &grid, low, high) == CANOPY_OK &&
                    canopy_field_init(&field, &frame, cells, field_arena, sizeof field_arena) == CANOPY_OK &&
-                   canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena) == CANOPY_OK,
+                   canopy_fast_init(&fast, &field, &canopy_line_fit_fx, 1, fast_arena, sizeof fast_arena) == CANOPY_OK,
                "no field");
     for (uint32_t y = 0; y < PROFILES; y++) {
         for (uint32_t x = 0; x < COLUMNS; x++) {

@@ -42,7 +42,7 @@ static void fit(int32_t (*height)(uint32_t x, uint32_t y)) {
             print_must(canopy_field_insert_fx(&field, point, &hit) == CANOPY_OK, "a point was refused");
         }
     }
-    print_must(canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena) == CANOPY_OK &&
+    print_must(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, 1, fast_arena, sizeof fast_arena) == CANOPY_OK &&
                    canopy_fast_begin(&fast, coefficients) == CANOPY_OK,
                "no fit");
     while (canopy_fast_step(&fast, 1) == CANOPY_MORE) {}

@@ -55,7 +55,7 @@ static void measure_one(void) {
     struct canopy_fast *fast = &sandwich.fast;
     struct canopy_certify *certify = &sandwich.certify;
     const uint64_t start = canopy_board_instructions();
-    print_must(canopy_fast_init(fast, &fields[0], CANOPY_FX, 1, arena, sizeof arena) == CANOPY_OK &&
+    print_must(canopy_fast_init(fast, &fields[0], &canopy_line_fit_fx, 1, arena, sizeof arena) == CANOPY_OK &&
                    canopy_fast_begin(fast, upper) == CANOPY_OK,
                "no fit");
     while (canopy_fast_step(fast, 1) == CANOPY_MORE)
@@ -69,7 +69,7 @@ static void measure_one(void) {
 static void measure_both(void) {
     uint64_t sum = 0, longest = 0, check = 0;
     int64_t steps = 0;
-    print_must(canopy_sandwich_init(&sandwich, &fields[0], &fields[1], CANOPY_FX, 1, arena, sizeof arena) ==
+    print_must(canopy_sandwich_init(&sandwich, &fields[0], &fields[1], &canopy_line_fit_fx, 1, arena, sizeof arena) ==
                        CANOPY_OK &&
                    canopy_sandwich_begin(&sandwich, upper, lower) == CANOPY_OK,
                "no sandwich");

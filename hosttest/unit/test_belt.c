@@ -15,7 +15,7 @@ static void begin(void) {
     const struct canopy_belt_config config = {.ring = {.grid = {{M, N}, Q, CANOPY_ABOVE},
                                                        .low = {0, 0, 0},
                                                        .high = {(M - 1) * PITCH, (N - 1) * PITCH, 100},
-                                                       .scalar = CANOPY_FX,
+                                                       .fit = &canopy_line_fit_fx,
                                                        .lines = 1,
                                                        .open = OPEN},
                                               .leap = 5,

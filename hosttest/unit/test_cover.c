@@ -393,17 +393,11 @@ static bool is_above(const int32_t *b, uint16_t q, const int32_t *nodes) {
 // Coefficients beyond +-limit count as exploded.
 static void fit_line_within(struct canopy_line *line, enum canopy_scalar scalar, uint16_t q, int32_t limit,
                             int32_t *b) {
-    if (scalar == CANOPY_F32) {
-        canopy_line_shape_f32(line, N, q);
-        CHECK(canopy_line_begin_f32(line, -limit, limit));
-        while (canopy_line_iterate_f32(line)) {}
-        canopy_line_finish_f32(line, b);
-    } else {
-        canopy_line_shape_fx(line, N, q);
-        CHECK(canopy_line_begin_fx(line, -limit, limit));
-        while (canopy_line_iterate_fx(line)) {}
-        canopy_line_finish_fx(line, b);
-    }
+    const struct canopy_line_fit *fit = canopy_line_fit_of(scalar);
+    fit->shape(line, N, q);
+    CHECK(fit->begin(line, -limit, limit));
+    while (fit->iterate(line)) {}
+    fit->finish(line, b);
 }
 
 static void fit_line(struct canopy_line *line, enum canopy_scalar scalar, uint16_t q, int32_t *b) {
@@ -542,7 +536,8 @@ static void fill(struct canopy_field *field, uint32_t seed, int points) {
 
 static void fit_surface(const struct canopy_field *field, enum canopy_scalar scalar, uint16_t lines, int32_t *b) {
     struct canopy_fast fast;
-    CHECK_EQ(canopy_fast_init(&fast, field, scalar, lines, fast_arena, sizeof fast_arena), CANOPY_OK);
+    CHECK_EQ(canopy_fast_init(&fast, field, canopy_line_fit_of(scalar), lines, fast_arena, sizeof fast_arena),
+             CANOPY_OK);
     CHECK_EQ(canopy_fast_begin(&fast, b), CANOPY_OK);
     while (canopy_fast_step(&fast, 1) == CANOPY_MORE) {}
 }
@@ -709,11 +704,14 @@ UNIT(surface_says_what_is_wrong_with_its_arguments) {
     struct canopy_fast fast;
     int32_t b[M * N];
     char *bytes = (char *)fast_arena;
-    CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, 3, bytes, sizeof fast_arena), CANOPY_ARGUMENT);
-    CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, 0, bytes, sizeof fast_arena), CANOPY_ARGUMENT);
-    CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, CELLS, bytes, sizeof fast_arena - 8), CANOPY_ARENA_SHORT);
-    CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, CELLS, bytes + 1, sizeof fast_arena), CANOPY_ARENA_ALIGN);
-    CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, CELLS, bytes, sizeof fast_arena), CANOPY_OK);
+    CHECK_EQ(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, 3, bytes, sizeof fast_arena), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_fast_init(&fast, &field, NULL, 1, bytes, sizeof fast_arena), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, 0, bytes, sizeof fast_arena), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, CELLS, bytes, sizeof fast_arena - 8),
+             CANOPY_ARENA_SHORT);
+    CHECK_EQ(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, CELLS, bytes + 1, sizeof fast_arena),
+             CANOPY_ARENA_ALIGN);
+    CHECK_EQ(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, CELLS, bytes, sizeof fast_arena), CANOPY_OK);
     CHECK_EQ(canopy_fast_begin(&fast, b), CANOPY_EMPTY);
 }
 

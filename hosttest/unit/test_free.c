@@ -43,17 +43,11 @@ static uint8_t fit_with_gap(enum canopy_scalar scalar, uint32_t from, uint32_t g
     for (uint32_t j = from; j < from + gap; j++) {
         line.nodes[j] = CANOPY_NO_HEIGHT;
     }
-    if (scalar == CANOPY_F32) {
-        canopy_line_shape_f32(&line, N, 1);
-        CHECK(canopy_line_begin_f32(&line, -1000000, 1000000));
-        while (canopy_line_iterate_f32(&line)) {}
-        canopy_line_finish_f32(&line, coefficients);
-    } else {
-        canopy_line_shape_fx(&line, N, 1);
-        CHECK(canopy_line_begin_fx(&line, -1000000, 1000000));
-        while (canopy_line_iterate_fx(&line)) {}
-        canopy_line_finish_fx(&line, coefficients);
-    }
+    const struct canopy_line_fit *fit = canopy_line_fit_of(scalar);
+    fit->shape(&line, N, 1);
+    CHECK(fit->begin(&line, -1000000, 1000000));
+    while (fit->iterate(&line)) {}
+    fit->finish(&line, coefficients);
     CHECK(line.settled && !line.singular);
     return line.solves;
 }
@@ -270,7 +264,7 @@ static void fit_corner(struct canopy_field *field, struct canopy_fast *fast) {
                                       (int32_t)(next_random(&random) % 1000)}};
         CHECK_EQ(canopy_field_feed_fx(field, point, 1), 0);
     }
-    CHECK_EQ(canopy_fast_init(fast, field, CANOPY_FX, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
+    CHECK_EQ(canopy_fast_init(fast, field, &canopy_line_fit_fx, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
     CHECK_EQ(canopy_fast_begin(fast, b), CANOPY_OK);
 }
 

@@ -190,7 +190,7 @@ UNIT(packed_field_is_fitted_and_certified) {
         feed(&field, seed, (int)(seed * seed));
         struct canopy_fast fast;
         int32_t b[M * N];
-        CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
+        CHECK_EQ(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
         CHECK_EQ(canopy_fast_begin(&fast, b), CANOPY_OK);
         while (canopy_fast_step(&fast, 1) == CANOPY_MORE) {}
         struct canopy_certify certify;

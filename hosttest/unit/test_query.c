@@ -268,7 +268,7 @@ UNIT(another_grid_stands_above) {
     CHECK_EQ(canopy_regrid_frame(&envelopes[0].frame, &whole, &grid, &coarse.frame), CANOPY_OK);
     CHECK(coarse.frame.pitch[0] == 200 && coarse.frame.pitch[1] == 160);
     CHECK_EQ(canopy_field_init(&field, &coarse.frame, cells, field_arena, sizeof field_arena), CANOPY_OK);
-    CHECK_EQ(canopy_fast_init(&fast, &field, CANOPY_FX, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
+    CHECK_EQ(canopy_fast_init(&fast, &field, &canopy_line_fit_fx, 1, fast_arena, sizeof fast_arena), CANOPY_OK);
     canopy_regrid_begin(&regrid, &envelopes[0], whole.low, 0, 4, &field);
     CHECK_EQ(canopy_regrid_step(&regrid, 5), CANOPY_MORE);
     CHECK_EQ(canopy_regrid_step(&regrid, 1000), CANOPY_OK);

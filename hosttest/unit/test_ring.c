@@ -16,7 +16,7 @@ static struct canopy_envelope envelope = {.coefficients = coefficients, .coverag
 static const struct canopy_ring_config plain = {.grid = {{M, N}, Q, CANOPY_ABOVE},
                                                 .low = {0, 0, 0},
                                                 .high = {(M - 1) * PITCH, (N - 1) * PITCH, 100},
-                                                .scalar = CANOPY_FX,
+                                                .fit = &canopy_line_fit_fx,
                                                 .lines = 1,
                                                 .open = OPEN};
 
@@ -60,6 +60,9 @@ UNIT(ring_asks_for_its_arena_and_a_sound_configuration) {
     CHECK_EQ(canopy_ring_init(&ring, &bad, arena, sizeof arena), CANOPY_ARGUMENT);
     bad = plain;
     bad.open = 0;
+    CHECK_EQ(canopy_ring_init(&ring, &bad, arena, sizeof arena), CANOPY_ARGUMENT);
+    bad = plain;
+    bad.fit = NULL;
     CHECK_EQ(canopy_ring_init(&ring, &bad, arena, sizeof arena), CANOPY_ARGUMENT);
     bad = plain;
     bad.lines = 3;  // does not divide Q
@@ -176,7 +179,7 @@ UNIT(refit_follows_a_packed_field) {
     CHECK_EQ(canopy_frame_around_fx(&frame, &plain.grid, low, high), CANOPY_OK);
     CHECK_EQ(canopy_field_init_packed(&field, &frame, cells, field_arena, sizeof field_arena), CANOPY_OK);
     struct canopy_refit *refit = &other.refit;
-    CHECK_EQ(canopy_refit_init(refit, &field, CANOPY_FX, 1, other_arena, sizeof other_arena), CANOPY_OK);
+    CHECK_EQ(canopy_refit_init(refit, &field, &canopy_line_fit_fx, 1, other_arena, sizeof other_arena), CANOPY_OK);
     uint32_t random = 5;
     for (uint32_t round = 0; round < 40; round++) {
         for (uint32_t i = 0; i < 8; i++) {

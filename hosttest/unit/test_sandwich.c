@@ -46,7 +46,7 @@ static void feed(void) {
 }
 
 static enum canopy_status init(void *memory, size_t bytes) {
-    return canopy_sandwich_init(&sandwich, &above, &below, CANOPY_FX, 1, memory, bytes);
+    return canopy_sandwich_init(&sandwich, &above, &below, &canopy_line_fit_fx, 1, memory, bytes);
 }
 
 static enum canopy_status run(uint32_t budget) {
@@ -66,10 +66,11 @@ UNIT(asks_for_its_arena_to_the_byte) {
 
 UNIT(takes_two_fields_of_one_frame) {
     make_fields();
-    CHECK_EQ(canopy_sandwich_init(&sandwich, &below, &above, CANOPY_FX, 1, arena, BYTES), CANOPY_ARGUMENT);
-    CHECK_EQ(canopy_sandwich_init(&sandwich, &above, &above, CANOPY_FX, 1, arena, BYTES), CANOPY_ARGUMENT);
-    CHECK_EQ(canopy_sandwich_init(&sandwich, &above, &below, CANOPY_FX, 3, arena, BYTES), CANOPY_ARGUMENT);
-    CHECK_EQ(canopy_sandwich_init(&sandwich, &above, &below, CANOPY_FX, 0, arena, BYTES), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_sandwich_init(&sandwich, &below, &above, &canopy_line_fit_fx, 1, arena, BYTES), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_sandwich_init(&sandwich, &above, &above, &canopy_line_fit_fx, 1, arena, BYTES), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_sandwich_init(&sandwich, &above, &below, &canopy_line_fit_fx, 3, arena, BYTES), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_sandwich_init(&sandwich, &above, &below, &canopy_line_fit_fx, 0, arena, BYTES), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_sandwich_init(&sandwich, &above, &below, NULL, 1, arena, BYTES), CANOPY_ARGUMENT);
     below.exact = false;
     CHECK_EQ(init(arena, BYTES), CANOPY_ARGUMENT);
     make_fields();

@@ -190,6 +190,7 @@ static struct canopy_serial_config usual(void) {
         .columns = COLUMNS,
         .timeout_us = 20000,
         .station = {.grid = {.size = {M, N}, .cells = CELLS, .side = CANOPY_ABOVE},
+                    .fit = &canopy_line_fit_fx,
                     .lines = 1,
                     .clients = 1,
                     .unit = 1.0F,

@@ -5,14 +5,9 @@
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast_parts.h"
 
-const struct canopy_line_fit canopy_line_fits[2] = {
-    [CANOPY_F32] = {canopy_line_shape_f32, canopy_line_begin_f32, canopy_line_iterate_f32, canopy_line_finish_f32},
-    [CANOPY_FX] = {canopy_line_shape_fx, canopy_line_begin_fx, canopy_line_iterate_fx, canopy_line_finish_fx},
-};
-
 enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canopy_field *field,
-                                    enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes) {
-    if (lines == 0 || field->axis[0].cells % lines != 0 || scalar > CANOPY_FX) {
+                                    const struct canopy_line_fit *fit, uint16_t lines, void *arena, size_t bytes) {
+    if (lines == 0 || field->axis[0].cells % lines != 0 || fit == NULL) {
         return CANOPY_ARGUMENT;
     }
     const uint16_t m = field->frame.size[0], n = field->frame.size[1], cv = field->axis[1].cells;
@@ -21,7 +16,7 @@ enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canop
     if (status != CANOPY_OK) {
         return status;
     }
-    *fast = (struct canopy_fast){.field = field, .scalar = (uint8_t)scalar, .lines = lines};
+    *fast = (struct canopy_fast){.field = field, .fit = fit, .lines = lines};
     canopy_line_init(&fast->line, CANOPY_MAX(m, n), CANOPY_MAX(cv, lines), &cut);
     const size_t count = canopy_fast_line_count(fast);
     fast->g = canopy_arena_take(&cut, 4 * count * n);
@@ -53,7 +48,7 @@ enum canopy_status canopy_fast_begin(struct canopy_fast *fast, int32_t *coeffici
     fast->begun = false;
     fast->solves = 0;
     fast->unsettled = 0;
-    canopy_line_fits[fast->scalar].shape(&fast->line, field->frame.size[1], field->axis[1].cells);
+    fast->fit->shape(&fast->line, field->frame.size[1], field->axis[1].cells);
     return CANOPY_OK;
 }
 
@@ -117,7 +112,7 @@ static void cells_to_nodes(struct canopy_fast *fast, uint32_t index) {
 bool canopy_fast_begin_line(struct canopy_fast *fast, uint32_t index) {
     gather_line(fast, index);
     cells_to_nodes(fast, index);
-    return canopy_line_fits[fast->scalar].begin(&fast->line, fast->floor, fast->ceiling);
+    return fast->fit->begin(&fast->line, fast->floor, fast->ceiling);
 }
 
 // What the certificate may lose by rounding bounds down, once in each direction, and one step to spare.
@@ -126,7 +121,7 @@ bool canopy_fast_begin_line(struct canopy_fast *fast, uint32_t index) {
 void canopy_fast_finish_line(struct canopy_fast *fast, uint32_t index) {
     const uint32_t n = fast->field->frame.size[1];
     int32_t *g = fast->g + (size_t)index * n;
-    canopy_line_fits[fast->scalar].finish(&fast->line, g);
+    fast->fit->finish(&fast->line, g);
     for (uint32_t j = 0; j < n; j++) {
         g[j] += CERTIFY_LOSS;  // B-splines sum to one: the bound rises by as much
     }
@@ -217,14 +212,14 @@ static bool begin_one(struct canopy_fast *fast) {
         return canopy_fast_begin_line(fast, fast->index);
     }
     gather_column(fast);
-    return canopy_line_fits[fast->scalar].begin(&fast->line, fast->floor, fast->ceiling);
+    return fast->fit->begin(&fast->line, fast->floor, fast->ceiling);
 }
 
 static void finish_one(struct canopy_fast *fast) {
     if (fast->stage == CANOPY_FAST_LINES) {
         canopy_fast_finish_line(fast, fast->index);
     } else {
-        canopy_line_fits[fast->scalar].finish(&fast->line, fast->result);
+        fast->fit->finish(&fast->line, fast->result);
         store_column(fast);
     }
     fast->solves += fast->line.solves;
@@ -237,7 +232,7 @@ static void next_one(struct canopy_fast *fast) {
     if (fast->stage == CANOPY_FAST_LINES && fast->index == canopy_fast_line_count(fast)) {
         fast->stage = CANOPY_FAST_COLUMNS;
         fast->index = 0;
-        canopy_line_fits[fast->scalar].shape(&fast->line, fast->field->frame.size[0], fast->lines);
+        fast->fit->shape(&fast->line, fast->field->frame.size[0], fast->lines);
     } else if (fast->stage == CANOPY_FAST_COLUMNS && fast->index == fast->field->frame.size[1]) {
         const bool is_any_seen = begin_free(fast);
         fast->stage = !fits_format(fast) ? CANOPY_FAST_FAILED : is_any_seen ? CANOPY_FAST_FREE : CANOPY_FAST_DONE;
@@ -253,7 +248,7 @@ enum canopy_status canopy_fast_step(struct canopy_fast *fast, uint32_t budget) {
                 continue;
             }
         }
-        if (!canopy_line_fits[fast->scalar].iterate(&fast->line)) {
+        if (!fast->fit->iterate(&fast->line)) {
             finish_one(fast);
             next_one(fast);
         }
@@ -295,14 +290,14 @@ enum canopy_status canopy_fast_share(struct canopy_fast *worker, const struct ca
     canopy_line_init(&worker->line, longest, finest, &cut);
     worker->result = canopy_arena_take(&cut, 4U * (size_t)longest);
     const bool lines = fast->stage == CANOPY_FAST_LINES;
-    canopy_line_fits[fast->scalar].shape(&worker->line, lines ? n : m, lines ? cv : fast->lines);
+    fast->fit->shape(&worker->line, lines ? n : m, lines ? cv : fast->lines);
     return CANOPY_OK;
 }
 
 void canopy_fast_fit(struct canopy_fast *worker, uint32_t index) {
     worker->index = index;
     if (begin_one(worker)) {
-        while (canopy_line_fits[worker->scalar].iterate(&worker->line)) {}
+        while (worker->fit->iterate(&worker->line)) {}
         finish_one(worker);
     }
 }

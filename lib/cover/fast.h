@@ -50,7 +50,7 @@ struct canopy_fast {
     const struct canopy_field *field;
     struct canopy_line line;
     struct canopy_free free;
-    uint8_t scalar;          ///< enum canopy_scalar
+    const struct canopy_line_fit *fit;
     uint8_t stage;           ///< enum canopy_fast_stage
     uint16_t lines;          ///< lines a knot interval of u; divides the field's cells
     int32_t *g;              // coefficients of the lines, (lines (m-1) + 1) x n
@@ -65,11 +65,11 @@ struct canopy_fast {
 };
 
 /// Prepares fits of `field`, which stays where it is and is read at every step. `lines` must divide its cells along u.
-/// The scalar picks the arithmetic of the solves, nothing else. `arena`: CANOPY_FAST_ARENA bytes, aligned to 8, the
-/// fit's as long as it is used. CANOPY_ARGUMENT: `lines` is 0 or does not divide the cells; CANOPY_ARENA_SHORT,
+/// `fit` is the arithmetic of the solves, nothing else: &canopy_line_fit_f32 or &canopy_line_fit_fx. `arena`: CANOPY_FAST_ARENA bytes, aligned to 8, the
+/// fit's as long as it is used. CANOPY_ARGUMENT: no fit, `lines` is 0 or does not divide the cells; CANOPY_ARENA_SHORT,
 /// CANOPY_ARENA_ALIGN.
 enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canopy_field *field,
-                                    enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes);
+                                    const struct canopy_line_fit *fit, uint16_t lines, void *arena, size_t bytes);
 
 /// Begins a fit into `coefficients`, m x n, which the caller leaves alone until it is done.
 /// CANOPY_EMPTY: the field has no data.

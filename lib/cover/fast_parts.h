@@ -8,17 +8,6 @@
 #include "lib/cover/fast.h"
 #include "lib/num/bits.h"
 
-/// The line fit of either scalar.
-struct canopy_line_fit {
-    void (*shape)(struct canopy_line *line, uint16_t n, uint16_t q);
-    bool (*begin)(struct canopy_line *line, int32_t floor, int32_t ceiling);
-    bool (*iterate)(struct canopy_line *line);
-    void (*finish)(struct canopy_line *line, int32_t *coefficients);
-};
-
-/// By enum canopy_scalar.
-extern const struct canopy_line_fit canopy_line_fits[2];
-
 /// How many lines there are.
 static inline uint32_t canopy_fast_line_count(const struct canopy_fast *fast) {
     return (uint32_t)CANOPY_LINE_NODES(fast->field->frame.size[0], fast->lines);

@@ -35,6 +35,7 @@
 #include <stdint.h>
 
 #include "lib/arena.h"
+#include "lib/cover/frame.h"
 #include "lib/num/band.h"
 
 #define CANOPY_NO_HEIGHT INT32_MIN          ///< a node or a cell without data
@@ -99,6 +100,20 @@ bool canopy_line_iterate_fx(struct canopy_line *line);
 /// Writes the n coefficients of the best iterate, lifted by canopy_line_lift. Allowed after any number of iterations.
 void canopy_line_finish_f32(struct canopy_line *line, int32_t *coefficients);
 void canopy_line_finish_fx(struct canopy_line *line, int32_t *coefficients);
+
+/// A scalar of the fit as a value. Who names one links that one only: no float in a program of canopy_line_fit_fx.
+struct canopy_line_fit {
+    void (*shape)(struct canopy_line *line, uint16_t n, uint16_t q);
+    bool (*begin)(struct canopy_line *line, int32_t floor, int32_t ceiling);
+    bool (*iterate)(struct canopy_line *line);
+    void (*finish)(struct canopy_line *line, int32_t *coefficients);
+};
+extern const struct canopy_line_fit canopy_line_fit_f32, canopy_line_fit_fx;
+
+/// For programs that have both.
+static inline const struct canopy_line_fit *canopy_line_fit_of(enum canopy_scalar scalar) {
+    return scalar == CANOPY_FX ? &canopy_line_fit_fx : &canopy_line_fit_f32;
+}
 
 /// Lists the vertices: the nodes with a height that are on the upper convex hull of their half interval. Returns how
 /// many.

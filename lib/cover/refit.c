@@ -18,7 +18,7 @@ enum line_state {
 static uint32_t row_count(const struct canopy_refit *refit) { return refit->fast.field->frame.size[0] - 1U; }
 
 enum canopy_status canopy_refit_init(struct canopy_refit *refit, const struct canopy_field *field,
-                                     enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes) {
+                                     const struct canopy_line_fit *fit, uint16_t lines, void *arena, size_t bytes) {
     const uint16_t m = field->frame.size[0], n = field->frame.size[1];
     const uint16_t cu = field->axis[0].cells, cv = field->axis[1].cells;
     struct canopy_arena cut;
@@ -29,7 +29,7 @@ enum canopy_status canopy_refit_init(struct canopy_refit *refit, const struct ca
     *refit = (struct canopy_refit){0};
     const size_t fast = CANOPY_FAST_ARENA(m, n, cv, lines), certify = CANOPY_CERTIFY_ARENA(n, cu, cv);
     void *for_fast = canopy_arena_take(&cut, fast), *for_certify = canopy_arena_take(&cut, certify);
-    status = canopy_fast_init(&refit->fast, field, scalar, lines, for_fast, fast);
+    status = canopy_fast_init(&refit->fast, field, fit, lines, for_fast, fast);
     if (status == CANOPY_OK) {
         status = canopy_certify_init(&refit->certify, field, for_certify, certify);
     }
@@ -182,7 +182,7 @@ void canopy_refit_begin(struct canopy_refit *refit) {
     refit->changed_first = frame->size[0];
     refit->changed_end = 0;
     fast->line.pins = NULL;
-    canopy_line_fits[fast->scalar].shape(&fast->line, frame->size[1], fast->field->axis[1].cells);
+    fast->fit->shape(&fast->line, frame->size[1], fast->field->axis[1].cells);
 }
 
 // ---- Lines
@@ -203,7 +203,7 @@ static void fit_line(struct canopy_refit *refit) {
         refit->lines[refit->index] = LINE_FITTED;  // a cell that rises from now on makes it changed again
         refit->fitted++;
         refit->begun = canopy_fast_begin_line(fast, refit->index);
-    } else if (!canopy_line_fits[fast->scalar].iterate(&fast->line)) {
+    } else if (!fast->fit->iterate(&fast->line)) {
         canopy_fast_finish_line(fast, refit->index);
         refit->solves += fast->line.solves;
         refit->begun = false;
@@ -337,7 +337,7 @@ static void begin_column(struct canopy_refit *refit) {
     gather_pins(refit);
     line->pins = refit->pins;
     line->count = (uint16_t)(part_to(refit) - part_from(refit) + 1);
-    refit->begun = canopy_line_fits[refit->fast.scalar].begin(line, refit->fast.floor, refit->fast.ceiling);
+    refit->begun = refit->fast.fit->begin(line, refit->fast.floor, refit->fast.ceiling);
 }
 
 static void next_column(struct canopy_refit *refit) {
@@ -357,8 +357,8 @@ static void fit_column(struct canopy_refit *refit) {
             refit->blank[refit->index] = true;
             next_column(refit);
         }
-    } else if (!canopy_line_fits[fast->scalar].iterate(&fast->line)) {
-        canopy_line_fits[fast->scalar].finish(&fast->line, fast->result);
+    } else if (!fast->fit->iterate(&fast->line)) {
+        fast->fit->finish(&fast->line, fast->result);
         refit->solves += fast->line.solves;
         refit->blank[refit->index] = !store_part(refit);
         refit->begun = false;
@@ -429,7 +429,7 @@ static void next_stage(struct canopy_refit *refit) {
     struct canopy_fast *fast = &refit->fast;
     refit->begun = false;
     if (refit->stage == CANOPY_REFIT_LINES) {
-        canopy_line_fits[fast->scalar].shape(&fast->line, fast->field->frame.size[0], fast->lines);
+        fast->fit->shape(&fast->line, fast->field->frame.size[0], fast->lines);
         refit->stage = CANOPY_REFIT_COLUMNS;
         refit->next_line = 0;
         if (find_run(refit)) {

@@ -11,7 +11,7 @@
 /// A knot row is one row of knot intervals, cells[0] rows of cells; a line stands between two of them (or, with more
 /// lines than one a knot interval, inside).
 ///
-///     canopy_refit_init(&refit, &field, CANOPY_FX, 1, arena, bytes);
+///     canopy_refit_init(&refit, &field, &canopy_line_fit_fx, 1, arena, bytes);
 ///     for (;;) {
 ///         … insert readings; each that raised a cell: canopy_refit_rose(&refit, hit.cell) …
 ///         canopy_refit_begin(&refit);
@@ -76,7 +76,7 @@ struct canopy_refit {
 /// Prepares for `field`, which must be exact and outlive the refit; all of it counts as changed. Else as
 /// canopy_fast_init.
 enum canopy_status canopy_refit_init(struct canopy_refit *refit, const struct canopy_field *field,
-                                     enum canopy_scalar scalar, uint16_t lines, void *arena, size_t bytes);
+                                     const struct canopy_line_fit *fit, uint16_t lines, void *arena, size_t bytes);
 
 /// The cell has risen, or is new. O(1); in a packed field O(cells of its knot row). For a cell of canopy_field_hit; the
 /// field itself holds the height.

@@ -39,7 +39,7 @@ static bool turn_box(const struct canopy_ring_config *config, int32_t low[3], in
 }
 
 static bool is_valid(const struct canopy_ring_config *config) {
-    return config->heading <= CANOPY_AGAINST_Y && config->scalar <= CANOPY_FX && config->open >= 1 &&
+    return config->heading <= CANOPY_AGAINST_Y && config->fit != NULL && config->open >= 1 &&
            config->open <= CANOPY_SIZE_MAX && config->lines >= 1 && config->grid.cells % config->lines == 0;
 }
 
@@ -76,17 +76,14 @@ enum canopy_status canopy_ring_init(struct canopy_ring *ring, const struct canop
     if (status != CANOPY_OK) {
         return status;
     }
-    *ring = (struct canopy_ring){.heading = config->heading,
-                                 .scalar = config->scalar,
-                                 .open = config->open,
-                                 .period = config->period,
-                                 .base = low[0]};
+    *ring = (struct canopy_ring){
+        .heading = config->heading, .open = config->open, .period = config->period, .base = low[0]};
     const size_t heights = CANOPY_FIELD_ARENA((size_t)m + config->open, n, q, q);
     status = make_fields(ring, &frame, canopy_arena_take(&cut, heights), heights);
     if (status == CANOPY_OK) {
         ring->rows = canopy_arena_take(&cut, all_rows(ring) * sizeof *ring->rows);
         canopy_field_clear(&ring->intake);
-        status = canopy_refit_init(&ring->refit, &ring->field, config->scalar, config->lines, cut.next, cut.left);
+        status = canopy_refit_init(&ring->refit, &ring->field, config->fit, config->lines, cut.next, cut.left);
     }
     return status == CANOPY_OK ? canopy_ring_restart(ring, 0) : status;
 }

@@ -52,10 +52,10 @@ struct canopy_ring_config {
     struct canopy_grid grid;  ///< size[0] = m along the belt, size[1] = n across it
     int32_t low[3], high[3];  ///< a box in device units: m - 1 rows long, as wide and high as the scene (canopy_frame)
     uint8_t heading;          ///< enum canopy_heading. Row 0 begins at the box's end where u is least, and is open
-    uint8_t scalar;           ///< enum canopy_scalar: of the solves alone
-    uint16_t lines;           ///< a knot interval of u (canopy_fast_init)
-    uint16_t open;            ///< open rows, at least 1
-    uint32_t period;          ///< after which the coordinate along u begins again; 0: 2^32
+    const struct canopy_line_fit *fit;  ///< arithmetic of the solves (canopy_fast_init)
+    uint16_t lines;                     ///< a knot interval of u (canopy_fast_init)
+    uint16_t open;                      ///< open rows, at least 1
+    uint32_t period;                    ///< after which the coordinate along u begins again; 0: 2^32
 };
 
 /// What is known of a knot row beside its cells.
@@ -76,7 +76,6 @@ struct canopy_ring {
     uint32_t period;
     uint16_t open;
     uint8_t heading;
-    uint8_t scalar;
 };
 
 /// Bytes of arena. `cells` is Q.

@@ -101,11 +101,10 @@ static bool are_opposite(const struct canopy_field *above, const struct canopy_f
 }
 
 enum canopy_status canopy_sandwich_init(struct canopy_sandwich *sandwich, const struct canopy_field *above,
-                                        const struct canopy_field *below, enum canopy_scalar scalar, uint16_t lines,
-                                        void *arena, size_t bytes) {
+                                        const struct canopy_field *below, const struct canopy_line_fit *fit,
+                                        uint16_t lines, void *arena, size_t bytes) {
     const uint16_t cu = above->axis[0].cells, cv = above->axis[1].cells;
-    if (!are_opposite(above, below) || !above->exact || !below->exact || lines == 0 || cu % lines != 0 ||
-        scalar > CANOPY_FX) {
+    if (!are_opposite(above, below) || !above->exact || !below->exact || lines == 0 || cu % lines != 0 || fit == NULL) {
         return CANOPY_ARGUMENT;
     }
     struct canopy_arena cut;
@@ -113,7 +112,7 @@ enum canopy_status canopy_sandwich_init(struct canopy_sandwich *sandwich, const 
         &cut, arena, bytes, CANOPY_SANDWICH_ARENA(above->frame.size[0], above->frame.size[1], cu, cv, lines));
     if (status == CANOPY_OK) {
         *sandwich = (struct canopy_sandwich){
-            .field = {above, below}, .arena = arena, .bytes = bytes, .scalar = (uint8_t)scalar, .lines = lines};
+            .field = {above, below}, .arena = arena, .bytes = bytes, .fit = fit, .lines = lines};
     }
     return status;
 }
@@ -135,8 +134,7 @@ size_t canopy_sandwich_feed_fx(struct canopy_field *above, struct canopy_field *
 static enum canopy_status begin_fit(struct canopy_sandwich *s, enum canopy_side side) {
     s->stage = CANOPY_SANDWICH_FIT;
     s->side = (uint8_t)side;
-    const enum canopy_status status =
-        canopy_fast_init(&s->fast, s->field[side], (enum canopy_scalar)s->scalar, s->lines, s->arena, s->bytes);
+    const enum canopy_status status = canopy_fast_init(&s->fast, s->field[side], s->fit, s->lines, s->arena, s->bytes);
     return status == CANOPY_OK ? canopy_fast_begin(&s->fast, s->b[side]) : status;
 }
 

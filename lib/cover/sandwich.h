@@ -66,9 +66,9 @@ struct canopy_sandwich {
     int32_t *b[2];                        // the caller's coefficients
     void *arena;
     size_t bytes;
+    const struct canopy_line_fit *fit;  ///< of both sides
     struct canopy_fast fast;
     struct canopy_certify certify;
-    uint8_t scalar;      ///< enum canopy_scalar
     uint8_t stage;       ///< enum canopy_sandwich_stage
     uint8_t side;        // in work
     uint8_t failure;     // enum canopy_status
@@ -85,8 +85,8 @@ struct canopy_sandwich {
 /// the lowest. Both must be exact and have the same cells, which `lines` divides (canopy_fast_init), else
 /// CANOPY_ARGUMENT.
 enum canopy_status canopy_sandwich_init(struct canopy_sandwich *sandwich, const struct canopy_field *above,
-                                        const struct canopy_field *below, enum canopy_scalar scalar, uint16_t lines,
-                                        void *arena, size_t bytes);
+                                        const struct canopy_field *below, const struct canopy_line_fit *fit,
+                                        uint16_t lines, void *arena, size_t bytes);
 
 /// Takes `count` points into both fields in one pass; returns how many of them either refused. A point that one has
 /// refused may be in the other, where it does no harm.

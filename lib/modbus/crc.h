@@ -8,11 +8,14 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define CANOPY_MODBUS_CRC_START 0xFFFFu
+#include "lib/num/crc.h"
 
-/// Goes on from `crc` over `length` bytes; start with CANOPY_MODBUS_CRC_START. Two table look-ups a byte, 32 bytes
-/// of table.
-uint16_t canopy_modbus_crc(uint16_t crc, const uint8_t *bytes, size_t length);
+#define CANOPY_MODBUS_CRC_START CANOPY_CRC16_START
+
+/// Goes on from `crc` over `length` bytes; start with CANOPY_MODBUS_CRC_START.
+static inline uint16_t canopy_modbus_crc(uint16_t crc, const uint8_t *bytes, size_t length) {
+    return canopy_crc16(crc, bytes, length);
+}
 
 /// Writes the CRC of bytes[0, length) to bytes[length] and bytes[length + 1]; returns length + 2.
 size_t canopy_modbus_crc_append(uint8_t *bytes, size_t length);

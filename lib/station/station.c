@@ -106,7 +106,7 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
     const struct canopy_grid *grid = &config->grid;
     const uint16_t m = grid->size[0], n = grid->size[1], q = grid->cells;
     if (m < CANOPY_SIZE_MIN || n < CANOPY_SIZE_MIN || m > CANOPY_SIZE_MAX || n > CANOPY_SIZE_MAX || q < 1 ||
-        q > CANOPY_CELLS_MAX || config->lines < 1 || q % config->lines != 0) {
+        q > CANOPY_CELLS_MAX || config->fit == NULL || config->lines < 1 || q % config->lines != 0) {
         return CANOPY_ARGUMENT;
     }
     struct canopy_station_config own = *config;
@@ -161,9 +161,9 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
     status = canopy_field_init(&station->field, frame, cells, station->field_arena,
                                CANOPY_FIELD_ARENA(grid->size[0], grid->size[1], cells[0], cells[1]));
     if (status == CANOPY_OK) {
-        status =
-            canopy_fast_init(&station->fast, &station->field, CANOPY_FX, station->config.lines, station->fast_arena,
-                             CANOPY_FAST_ARENA(grid->size[0], grid->size[1], cells[1], station->config.lines));
+        status = canopy_fast_init(&station->fast, &station->field, station->config.fit, station->config.lines,
+                                  station->fast_arena,
+                                  CANOPY_FAST_ARENA(grid->size[0], grid->size[1], cells[1], station->config.lines));
     }
     if (status == CANOPY_OK) {
         status = canopy_certify_init(&station->certify, &station->field, station->certify_arena,

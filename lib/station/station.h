@@ -48,7 +48,8 @@
 
 struct canopy_station_config {
     struct canopy_grid grid;
-    int32_t axes[3][3];       ///< of the frames made around a scanner's scene (canopy_axes_*); all 0: x, y and z
+    int32_t axes[3][3];  ///< of the frames made around a scanner's scene (canopy_axes_*); all 0: x, y and z
+    const struct canopy_line_fit *fit;  ///< arithmetic of the solves (canopy_fast_init)
     uint16_t lines;           ///< lines a knot interval of u (canopy_fast_init): 1, or more for tighter and slower
     uint8_t clients;          ///< of the PLC side
     float unit;               ///< of the scene: point = device units * unit

@@ -28,7 +28,7 @@ static uint32_t fit(struct canopy_bench_solves *solves, const struct canopy_fiel
     struct canopy_fast fast;
     uint32_t sum = 0;
     if (arena && coefficients &&
-        canopy_fast_init(&fast, &from->field, (enum canopy_scalar)CANOPY_F32, 1, arena, bytes) == CANOPY_OK &&
+        canopy_fast_init(&fast, &from->field, &canopy_line_fit_f32, 1, arena, bytes) == CANOPY_OK &&
         canopy_fast_begin(&fast, coefficients) == CANOPY_OK) {
         sum = count(&fast, solves);
     }

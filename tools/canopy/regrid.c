@@ -292,7 +292,7 @@ static bool fit_with(struct job *job, const struct canopy_envelope *old, const s
     struct canopy_fast fast;
     struct canopy_certify certify;
     if (canopy_field_init(&field, frame, cells, arenas->at[0], arenas->bytes[0]) != CANOPY_OK ||
-        canopy_fast_init(&fast, &field, scalar, 1, arenas->at[1], arenas->bytes[1]) != CANOPY_OK ||
+        canopy_fast_init(&fast, &field, canopy_line_fit_of(scalar), 1, arenas->at[1], arenas->bytes[1]) != CANOPY_OK ||
         canopy_certify_init(&certify, &field, arenas->at[2], arenas->bytes[2]) != CANOPY_OK) {
         return canopy_fault_no_memory(job->fault);
     }

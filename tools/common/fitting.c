@@ -186,7 +186,8 @@ static bool fit(const struct canopy_turned *turned, const struct canopy_frame *f
     bool ok = false;
     if (!fast_arena) {
         canopy_fault_no_memory(fault);
-    } else if (canopy_fast_init(&fast, &from.field, turned->scalar, r.lines, fast_arena, fast_bytes) != CANOPY_OK) {
+    } else if (canopy_fast_init(&fast, &from.field, canopy_line_fit_of(turned->scalar), r.lines, fast_arena,
+                                fast_bytes) != CANOPY_OK) {
         canopy_fault_set(fault, "%u lines a knot interval: give a divisor of the field's %u cells", r.lines,
                          r.cells[0]);
     } else {
