@@ -11,6 +11,12 @@ const struct canopy_profile_table canopy_profile_generic = {
     .function = 3,
     .order = CANOPY_SCAN_ABCD,
     .read_max = CANOPY_SCAN_READ_MAX,
+    .i2c = {.address = CANOPY_GENERIC_I2C_ADDRESS,
+            .pointer_bytes = 2,
+            .pointer_step = 1,
+            .counted = true,
+            .tagged = true,
+            .check = CANOPY_SCAN_CRC16},
 
     .description = {CANOPY_GENERIC_DESCRIPTION, CANOPY_GENERIC_D_COUNT},
     .magic = IN_DESCRIPTION(CANOPY_GENERIC_D_MAGIC, CANOPY_SCAN_U32),

@@ -2,11 +2,35 @@
 ///
 /// Protocol addresses from 0, FC03 and FC04 alike, 32-bit values high word first (docs/scanners.md has the table).
 /// A profile of 400 columns is 406 registers in a row: 4 reads, 864 bytes on an RTU wire.
+///
+/// ## The same on I2C
+///
+/// Up to 400 kHz, address 0x29 unless another is set. A read of registers is one transfer:
+///
+///     START  A<<1  pointer high  pointer low  count  tag
+///     repeated START  A<<1|1  count x (register high, register low)  CRC low  CRC high  STOP
+///
+/// - pointer: the address of the first register, as on Modbus. count: registers that will be read, 1 to 125.
+/// - tag: any byte; the master gives another one in each transfer.
+/// - CRC: CRC-16/MODBUS (polynomial 0x8005 reflected, start 0xFFFF) over all bytes in front of it as they stand above,
+///   both address bytes included. The device takes it over what *it* received. So an answer to another pointer, count,
+///   tag or address does not pass: neither when a bit of the request was turned on the wire, nor when a device that
+///   missed a request answers an earlier one again, be it for the same registers.
+/// - The registers of one answer are of one moment: the device copies them when it is addressed for reading, or before.
+///   It may hold the clock meanwhile, for a few milliseconds at most.
+/// - A request is answered once. A read without a request before it, and one that cannot be served (a count that is 0
+///   or over 125, registers that are not there), is not acknowledged at A<<1|1. A device that cannot refuse its address
+///   gives bytes 0xFF, the CRC among them inverted. Reading beyond the CRC gives 0xFF.
+/// - STOP and START instead of the repeated START are as good.
+///
+/// Example: registers 0 and 1, the magic, tag 1: 52 00 00 02 01 | 53 43 4E 50 53 7D 3F.
+/// A profile of 400 columns is 4 transfers of 864 bytes and 9 bits each: 19.5 ms at 400 kHz.
 #ifndef CANOPY_SCAN_GENERIC_H
 #define CANOPY_SCAN_GENERIC_H
 
 #include "lib/scan/table.h"
 
+#define CANOPY_GENERIC_I2C_ADDRESS 0x29u
 #define CANOPY_GENERIC_MAGIC 0x434E5053u  ///< "CNPS"
 #define CANOPY_GENERIC_VERSION 1u
 #define CANOPY_GENERIC_INVALID 0xFFFFu  ///< height of a column without reading

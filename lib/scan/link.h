@@ -2,7 +2,8 @@
 /// (lib/station/rtu_link.h), an I2C bus (lib/scan/i2c_link.h), or nothing at all, when a board plays its own scanner.
 ///
 /// A link carries one read at a time and never waits. What it delivers is what the scanner said: it checks the check
-/// sums of its wire, and what fails them is a failure, not data.
+/// sums of its wire, and what fails them is a failure, not data. Whoever moves it on does so whenever an interrupt has
+/// brought work, and once a millisecond while a read is under way.
 #ifndef CANOPY_SCAN_LINK_H
 #define CANOPY_SCAN_LINK_H
 

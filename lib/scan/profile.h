@@ -47,7 +47,7 @@
 #define CANOPY_PROFILE_NEVER UINT64_MAX
 
 struct canopy_profile_request {
-    uint8_t unit;
+    uint8_t unit;  ///< on I2C the device's address, 0: the table's
     uint8_t function;
     uint16_t address;
     uint16_t count;   ///< registers, 1 to CANOPY_SCAN_READ_MAX
@@ -56,11 +56,13 @@ struct canopy_profile_request {
 
 /// Why registers did not come. Each has its counter.
 enum canopy_scan_failure {
-    CANOPY_SCAN_TIMEOUT = 0,  ///< silence
+    CANOPY_SCAN_TIMEOUT = 0,  ///< silence; on I2C a clock held for too long
     CANOPY_SCAN_CRC,          ///< a frame with a wrong checksum, or one that made no sense
     CANOPY_SCAN_LENGTH,       ///< an answer with another number of registers
     CANOPY_SCAN_EXCEPTION,    ///< a Modbus exception
-    CANOPY_SCAN_LINK,         ///< the line or connection is down
+    CANOPY_SCAN_LINK,         ///< the line or connection is down, or cannot carry such a read
+    CANOPY_SCAN_NAK,          ///< I2C: nobody acknowledged the address, or a byte was refused
+    CANOPY_SCAN_BUS,          ///< I2C: a line held low, another master in the way
     CANOPY_SCAN_FAILURES
 };
 
@@ -126,7 +128,7 @@ struct canopy_profile_counters {
 
 struct canopy_profile_config {
     const struct canopy_profile_table *table;  ///< stays with the caller, as long as the driver lives
-    uint8_t unit;                              ///< Modbus unit identifier of the scanner
+    uint8_t unit;                              ///< of the scanner: Modbus unit; I2C address, 0: the table's
     uint16_t columns;                          ///< the arena's: a scanner with more is refused
 };
 

@@ -1,4 +1,4 @@
-/// What a profile scanner on Modbus looks like, as one const table: a new device is a new table, not new code.
+/// What a profile scanner on Modbus or I2C looks like, as one const table: a new device is a new table, not new code.
 ///
 /// A profile scanner keeps its newest profile in registers: a *header* (sequence number, position, how many readings
 /// are valid, …), the *heights*, one a column, and perhaps a second copy of the sequence number behind them. What does
@@ -49,6 +49,29 @@ enum canopy_scan_trailer {
     CANOPY_SCAN_TRAILER_FIXED     ///< at `trailer_address`, whatever the number of columns
 };
 
+/// What stands behind the data of one I2C transfer. It is taken over every byte of the transfer in front of it: address
+/// and write bit, pointer, count and tag, address and read bit, data.
+enum canopy_scan_check {
+    CANOPY_SCAN_UNCHECKED = 0,  ///< nothing: what noise does to data is not seen. For wires of centimetres only
+    CANOPY_SCAN_CRC8,           ///< one byte, SMBus' packet error code: 1 of 256 disturbed transfers passes
+    CANOPY_SCAN_CRC16           ///< two bytes, CRC-16/MODBUS, low byte first
+};
+
+/// The device as a register file on I2C (lib/scan/i2c_link.h). One transfer is: START, address and write bit, pointer,
+/// perhaps a count, perhaps a tag; repeated START, address and read bit, registers, check; STOP.
+struct canopy_scan_i2c {
+    uint8_t address;         ///< 7 bits, 8 to 119, unless the program gives another; 0: the device is not on I2C
+    uint8_t pointer_bytes;   ///< 1 or 2
+    bool pointer_low_first;  ///< of 2 bytes
+    uint8_t pointer_step;    ///< pointer counts a register: 1, or 2 where the pointer counts bytes
+    bool counted;            ///< behind the pointer: a byte with the number of registers that will be read
+    bool tagged;             ///< then: a byte that the check covers and that is another one in each transfer
+    bool low_first;          ///< bytes of a register; false: high byte first
+    uint8_t check;           ///< enum canopy_scan_check
+    bool stop_between;       ///< STOP and START instead of the repeated START
+    uint8_t read_max;        ///< registers in one transfer; 0: as many as `read_max` of the table
+};
+
 #define CANOPY_SCAN_INVALID_MAX 4
 
 /// A device. Every offset must lie inside its block; canopy_profile_init() checks the whole table.
@@ -56,9 +79,10 @@ struct canopy_profile_table {
     const char *name;
     const char *title;  ///< one line for people
 
-    uint8_t function;  ///< 3 or 4: how everything is read
+    uint8_t function;  ///< 3 or 4: how everything is read on Modbus
     uint8_t order;     ///< enum canopy_scan_order
     uint8_t read_max;  ///< registers the device gives in one read, 1 to CANOPY_SCAN_READ_MAX
+    struct canopy_scan_i2c i2c;
 
     struct canopy_scan_block description;  ///< read once, and again when the device may have changed
     struct canopy_scan_field magic;        ///< must read `magic_value`, else the device is refused; ABSENT: not checked

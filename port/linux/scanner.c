@@ -20,6 +20,8 @@ static const char *const FAILURES[CANOPY_SCAN_FAILURES] = {
     [CANOPY_SCAN_LENGTH] = "answers of the wrong length",
     [CANOPY_SCAN_EXCEPTION] = "a Modbus exception",
     [CANOPY_SCAN_LINK] = "no connection",
+    [CANOPY_SCAN_NAK] = "nobody at its address",
+    [CANOPY_SCAN_BUS] = "the bus is held",
 };
 
 static void ring_bell(int event) {
