@@ -264,6 +264,9 @@ def test_frame_of_another(tmp_path, scene):
     done = canopy("fit", beyond, "--grid", "8x9", "--frame", first, "-o", tmp_path / "x.json")
     refused(done, "beyond.xyz:11:", "frame")
     refused(canopy("fit", few, "--grid", "9x9", "--frame", first, "-o", tmp_path / "x.json"), "first.json", "8x9")
+    untold = canopy("fit", few, "--frame", first, "--side", "below", "-o", tmp_path / "untold.json")
+    assert untold.returncode == 0 and (tmp_path / "untold.json").read_bytes() == second.read_bytes()
+    (tmp_path / "untold.json").unlink()
     assert not (tmp_path / "x.json").exists()
 
 
@@ -288,6 +291,20 @@ def test_frame_of_another_with_every_method(tmp_path):
             assert canopy("check", out, edge).returncode == 0
             verdict = judge(out, edge)
             assert verdict is None or verdict["wrong_side"] == verdict["outside_frame"] == 0
+
+
+def test_info_says_what_a_file_holds(tmp_path, scene):
+    out, _ = fit(tmp_path, scene, "--dir", "1,2,3", "--scalar", "fx", "--refine", "1")
+    told = canopy("info", out).stdout
+    file = json.loads(out.read_text())
+    for words in ("above all points, fx, unit", "8x9 coefficients", "axes ", "trim ", "certificate  margin",
+                  f"{file['certificate']['points']} points"):
+        assert words in told, told
+    assert told.count("window ") == len(file.get("windows", []))
+    heights = [file["unit"] * file["lsb"] * c for row in file["coefficients"] for c in row]
+    low, high = re.search(r"coefficients (\S+) to (\S+)", told).groups()
+    assert float(low) == pytest.approx(min(heights)) and float(high) == pytest.approx(max(heights))
+    refused(canopy("info", tmp_path / "none.json"), "none.json")
 
 
 def test_no_output_only_prints(tmp_path, scene):
@@ -779,6 +796,7 @@ def test_help_is_the_manual():
     ("fit", "a.xyz", "--grid", "8x8", "--side", "left"), ("fit", "a.xyz", "--grid", "8x8", "--scalar", "f64"),
     ("fit", "a.xyz", "--grid", "8x8", "--method", "magic"), ("fit", "a.xyz", "--grid", "8x8", "--colour"), ("check",),
     ("check", "a.json"), ("check", "a", "b", "c"), ("eval", "a.json"), ("plot", "a.json"), ("plot", "-o", "a.png"),
+    ("info",), ("info", "a", "b"),
 ], ids=" ".join)
 def test_wrong_usage(arguments):
     done = canopy(*arguments)

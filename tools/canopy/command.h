@@ -15,6 +15,7 @@ enum {
 int canopy_command_fit(int argc, char **argv);
 int canopy_command_sandwich(int argc, char **argv);
 int canopy_command_check(int argc, char **argv);
+int canopy_command_info(int argc, char **argv);
 int canopy_command_eval(int argc, char **argv);
 int canopy_command_trim(int argc, char **argv);
 int canopy_command_window(int argc, char **argv);

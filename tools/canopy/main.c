@@ -17,6 +17,7 @@ static const struct {
     {"fit", canopy_command_fit, "fit one safe surrogate to points"},
     {"sandwich", canopy_command_sandwich, "fit a surface above and one below that never cross; do two files cross?"},
     {"check", canopy_command_check, "is every point on the safe side? exact; exit status 0 or 1"},
+    {"info", canopy_command_info, "what a surrogate file holds: grid, frame, heights, windows, certificate"},
     {"eval", canopy_command_eval, "the height of the surface over each point"},
     {"trim", canopy_command_trim, "the outline of what a surface covers, as numbers or a drawing"},
     {"window", canopy_command_window, "the guaranteed highest and lowest of the surface over a window"},

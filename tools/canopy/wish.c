@@ -19,7 +19,8 @@
 enum { METHOD = 0x200, SCALAR, UNIT, DIR, PLANE, FIELD, PACKED, FRAME, MEMORY, THREADS };
 
 static const struct argp_option OPTIONS[] = {
-    {"grid", 'g', "MxN", 0, "coefficients along the frame's first and second axis, 4x4 to 1024x1024 (required)", 0},
+    {"grid", 'g', "MxN", 0,
+     "coefficients along the frame's first and second axis, 4x4 to 1024x1024; required unless --frame tells it", 0},
     {"method", METHOD, "fast|tight", 0,
      "how to fit: fast (default), or tight: fast tightened to within a few per cent of the least mean gap possible "
      "above all points, or, with --field, above all covered cells; how far it is at most is proved and printed",
@@ -88,8 +89,8 @@ static error_t parse(int key, char *text, struct argp_state *state) {
 const struct argp canopy_wish_argp = {.options = OPTIONS, .parser = parse};
 
 void canopy_wish_end(const struct canopy_wish *wish, struct argp_state *state) {
-    if (!wish->points || !wish->grid) {
-        argp_error(state, "give a point file and --grid MxN");
+    if (!wish->points || (!wish->grid && !wish->frame)) {
+        argp_error(state, "give a point file and --grid MxN (or --frame, whose grid is taken then)");
     }
     if (wish->packed && !wish->field) {
         argp_error(state, "--packed says how the cells of a field are kept: give --field Q");
@@ -145,7 +146,7 @@ static bool read_plane(const char *text, struct canopy_surface_wish *wish, struc
            canopy_fault_set(fault, "--plane %.80s: give three points X,Y,Z,X,Y,Z,X,Y,Z that are not on a line", text);
 }
 
-/// The frame's surrogate decides unit, axes and, if it is not told, the scalar.
+/// The frame's surrogate decides unit, axes and, if they are not told, grid and scalar.
 static bool read_frame(const struct canopy_wish *a, struct canopy_surrogate *frame, struct canopy_surface_wish *wish,
                        struct canopy_fault *fault) {
     if (!canopy_surrogate_read(a->frame, frame, fault)) {
@@ -155,10 +156,16 @@ static bool read_frame(const struct canopy_wish *a, struct canopy_surrogate *fra
         return canopy_fault_set(fault, "%s: its unit is %g, not that of --unit: leave --unit out", a->frame,
                                 frame->unit);
     }
-    if (wish->size[0] != frame->size[0] || wish->size[1] != frame->size[1]) {
-        return canopy_fault_set(fault, "%s: its grid is %ux%u: give the same --grid", a->frame, frame->size[0],
+    if (a->grid && (wish->size[0] != frame->size[0] || wish->size[1] != frame->size[1])) {
+        return canopy_fault_set(fault, "%s: its grid is %ux%u: give the same --grid or none", a->frame, frame->size[0],
                                 frame->size[1]);
     }
+    if (frame->size[0] > CANOPY_SIZE_MAX || frame->size[1] > CANOPY_SIZE_MAX) {
+        return canopy_fault_set(fault, "%s: its grid is %ux%u: fits are made up to %dx%d", a->frame, frame->size[0],
+                                frame->size[1], CANOPY_SIZE_MAX, CANOPY_SIZE_MAX);
+    }
+    wish->size[0] = (uint16_t)frame->size[0];
+    wish->size[1] = (uint16_t)frame->size[1];
     wish->unit = frame->unit;
     wish->scalar = a->scalar < 0 ? frame->scalar : wish->scalar;
     wish->frame = frame;
@@ -170,7 +177,8 @@ bool canopy_wish_read(const struct canopy_wish *a, struct canopy_surrogate *fram
     *wish = (struct canopy_surface_wish){.scalar = a->scalar > 0 ? CANOPY_FX : CANOPY_F32,
                                          .direction = {0.0, 0.0, 1.0},
                                          .fitting = {.tight = a->tight, .packed = a->packed}};
-    return read_grid(a->grid, wish->size, fault) && (!a->field || read_field(a->field, &wish->fitting.field, fault)) &&
+    return (!a->grid || read_grid(a->grid, wish->size, fault)) &&
+           (!a->field || read_field(a->field, &wish->fitting.field, fault)) &&
            (!a->unit || read_unit(a->unit, &wish->unit, fault)) &&
            (!a->dir || read_direction(a->dir, wish->direction, fault)) &&
            (!a->plane || read_plane(a->plane, wish, fault)) && (!a->frame || read_frame(a, frame, wish, fault));
