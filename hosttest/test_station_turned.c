@@ -25,6 +25,7 @@
 #include "lib/cover/axes.h"
 #include "lib/spline/surface.h"
 #include "lib/station/station.h"
+#include "lib/station/turning.h"
 #include "tools/common/random.h"
 #include "tools/common/rational.h"
 
@@ -51,6 +52,12 @@ struct life {
 
 // What the lives have met, so that nothing is kept only because nothing happened.
 static struct { uint32_t publications, beyond, partly, beside, ranges, uncertain; } met;
+
+static struct canopy_station_turning *turning(void) {
+    static struct canopy_station_turned turned;
+    canopy_station_turned_init(&turned);
+    return &turned.part;
+}
 
 static CANOPY_ARENA_DECLARE(arena, CANOPY_STATION_ARENA(GRID_MAX, GRID_MAX, CELLS_MAX, 1, 1));
 
@@ -187,6 +194,7 @@ static void start(struct life *l, uint64_t seed) {
         .grid = {.size = {(uint16_t)(4 + below(l, GRID_MAX - 3)), (uint16_t)(4 + below(l, GRID_MAX - 3))},
                  .cells = (uint16_t)(1 + below(l, CELLS_MAX)),
                  .side = (uint8_t)below(l, 2)},
+        .turning = turning(),
         .fit = &canopy_line_fit_fx,
         .lines = 1,
         .clients = 1,
@@ -276,8 +284,12 @@ static void turned_lives(void **state) {
 static void axes_that_are_no_rotation(void **state) {
     (void)state;
     struct life l = {0};
-    l.config = (struct canopy_station_config){
-        .grid = {{4, 4}, 1, CANOPY_ABOVE}, .fit = &canopy_line_fit_fx, .lines = 1, .clients = 1, .unit = 1};
+    l.config = (struct canopy_station_config){.grid = {{4, 4}, 1, CANOPY_ABOVE},
+                                              .turning = turning(),
+                                              .fit = &canopy_line_fit_fx,
+                                              .lines = 1,
+                                              .clients = 1,
+                                              .unit = 1};
     l.config.axes[0][0] = CANOPY_AXIS_ONE;
     assert_int_equal(canopy_station_init(&l.station, &l.config, arena, sizeof arena, 0), CANOPY_ARGUMENT);
     memset(l.config.axes, 0, sizeof l.config.axes);
@@ -290,12 +302,36 @@ static void axes_that_are_no_rotation(void **state) {
     assert_int_equal(l.station.stage, CANOPY_STATION_WAITING);
 }
 
-// One with so much uncertainty that it may be almost anywhere: nothing can cover it.
-static void a_reading_that_may_be_anywhere(void **state) {
+// A station without that part refuses what is turned, wherever it comes from, and goes on with what it has.
+static void a_station_of_straight_axes(void **state) {
     (void)state;
     struct life l = {0};
     l.config = (struct canopy_station_config){
         .grid = {{4, 4}, 1, CANOPY_ABOVE}, .fit = &canopy_line_fit_fx, .lines = 1, .clients = 1, .unit = 1};
+    const int32_t slant[3] = {1, 0, 1}, low[3] = {0, 0, 0}, high[3] = {100, 100, 10}, point[3] = {50, 50, 5};
+    assert_int_equal(canopy_axes_from_direction_fx(slant, l.config.axes), CANOPY_OK);
+    assert_int_equal(canopy_station_init(&l.station, &l.config, arena, sizeof arena, 0), CANOPY_UNSUPPORTED);
+    memset(l.config.axes, 0, sizeof l.config.axes);
+    assert_int_equal(canopy_station_init(&l.station, &l.config, arena, sizeof arena, 0), CANOPY_OK);
+    assert_int_equal(canopy_station_begin_box(&l.station, low, high), CANOPY_OK);
+    assert_int_equal(canopy_station_reading(&l.station, point, 0, 0), CANOPY_OK);
+    struct canopy_frame frame = l.station.field.frame;
+    assert_int_equal(canopy_axes_from_direction_fx(slant, frame.axis), CANOPY_OK);
+    assert_int_equal(canopy_station_begin(&l.station, &frame), CANOPY_UNSUPPORTED);
+    assert_int_equal(l.station.points, 1);
+    assert_int_equal(canopy_station_reading(&l.station, point, 0, 0), CANOPY_OK);
+}
+
+// One with so much uncertainty that it may be almost anywhere: nothing can cover it.
+static void a_reading_that_may_be_anywhere(void **state) {
+    (void)state;
+    struct life l = {0};
+    l.config = (struct canopy_station_config){.grid = {{4, 4}, 1, CANOPY_ABOVE},
+                                              .turning = turning(),
+                                              .fit = &canopy_line_fit_fx,
+                                              .lines = 1,
+                                              .clients = 1,
+                                              .unit = 1};
     const int32_t slant[3] = {1, 0, 1}, low[3] = {0, 0, 0}, high[3] = {100, 100, 10}, point[3] = {50, 50, 5};
     assert_int_equal(canopy_axes_from_direction_fx(slant, l.config.axes), CANOPY_OK);
     assert_int_equal(canopy_station_init(&l.station, &l.config, arena, sizeof arena, 0), CANOPY_OK);
@@ -308,6 +344,7 @@ static void a_reading_that_may_be_anywhere(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(axes_that_are_no_rotation),
+        cmocka_unit_test(a_station_of_straight_axes),
         cmocka_unit_test(a_reading_that_may_be_anywhere),
         cmocka_unit_test(turned_lives),
     };

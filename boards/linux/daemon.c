@@ -116,7 +116,9 @@ static bool open_station(struct canopyd *daemon, const struct canopyd_options *o
     for (unsigned i = 0; i < options->modbus_count; i++) {
         clients += places(&options->modbus[i]);
     }
+    canopy_station_turned_init(&daemon->turned);
     struct canopy_station_config config = {.grid = *grid,
+                                           .turning = &daemon->turned.part,
                                            .fit = &canopy_line_fit_fx,
                                            .lines = options->lines,
                                            .clients = (uint8_t)clients,

@@ -12,6 +12,7 @@
 #include "boards/linux/source.h"
 #include "lib/station/station.h"
 #include "lib/station/tightening.h"
+#include "lib/station/turning.h"
 #include "port/linux/rtu_server.h"
 #include "port/linux/scanner.h"
 #include "port/linux/tcp_server.h"
@@ -25,6 +26,7 @@ struct canopyd {
     struct canopy_station station;
     struct canopy_modbus_bank bank;
     void *arena;
+    struct canopy_station_turned turned;
     struct canopy_station_tightening tightening;  // where it is wanted
     void *tightening_arena;
     struct canopy_linux_tcp_server tcp[CANOPYD_MODBUS_MAX];

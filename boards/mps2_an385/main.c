@@ -1,6 +1,7 @@
 // The station on the board: the scanner on UART 0, the PLC on UART 1, both RTU 115200 8N1.
 #include "lib/scan/generic.h"
 #include "lib/station/serial.h"
+#include "lib/station/turning.h"
 #include "lib/version.h"
 #include "port/board.h"
 
@@ -20,6 +21,7 @@
 
 static CANOPY_ARENA_DECLARE(arena, CANOPY_SERIAL_ARENA(STATION_GRID_M, STATION_GRID_N, CELLS, LINES, COLUMNS, WORDS));
 static struct canopy_serial serial;
+static struct canopy_station_turned turned;
 
 static void say(const char *text) {
     while (*text != '\0')
@@ -37,6 +39,7 @@ static void introduce(void) {
 int main(void) {
     const struct canopy_board board = canopy_board_start((const uint32_t[]){BAUD, BAUD});
     introduce();
+    canopy_station_turned_init(&turned);
     const struct canopy_serial_config config = {
         .clock = board.clock,
         .scanner = {.stream = board.line[0], .baud = BAUD, .character_bits = 10, .unit = SCANNER_UNIT},
@@ -45,6 +48,7 @@ int main(void) {
         .columns = COLUMNS,
         .timeout_us = TIMEOUT_US,
         .station = {.grid = {.size = {STATION_GRID_M, STATION_GRID_N}, .cells = CELLS, .side = CANOPY_ABOVE},
+                    .turning = &turned.part,
                     .fit = &canopy_line_fit_fx,
                     .lines = LINES,
                     .clients = 1,

@@ -13,6 +13,7 @@
 #include "lib/modbus/crc.h"
 #include "lib/modbus/rtu.h"
 #include "lib/station/station.h"
+#include "lib/station/turning.h"
 #include "port/board.h"
 
 #define M 20
@@ -161,8 +162,10 @@ static void measure_scene(const struct scene *scene) {
 
 // The same scene seen from 1,2,5, a general direction: a point into the field, and a reading through the station, exact
 // and with an uncertainty of two units in z, which is one of the place then.
+static struct canopy_station_turned turned;
+
 static void take_turned(void) {
-    if (canopy_turn_feed_fx(&station.field, &station.turn, (const int32_t(*)[3])points, BATCH) != 0)
+    if (canopy_turn_feed_fx(&station.field, &turned.turn, (const int32_t(*)[3])points, BATCH) != 0)
         fail("a turned point was refused");
 }
 
@@ -176,6 +179,8 @@ static void measure_turned(const struct scene *scene) {
     const int32_t low[3] = {0, 0, 0}, high[3] = {(COLUMNS - 1) * STEP, (PROFILES - 1) * STEP, 8192};
     const int32_t direction[3] = {1, 2, 5};
     struct canopy_station_config config = station.config;
+    canopy_station_turned_init(&turned);
+    config.turning = &turned.part;
     if (canopy_axes_from_direction_fx(direction, config.axes) != CANOPY_OK ||
         canopy_station_init(&station, &config, arena, sizeof arena, 0) != CANOPY_OK ||
         canopy_station_begin_box(&station, low, high) != CANOPY_OK)

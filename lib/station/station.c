@@ -2,8 +2,8 @@
 
 #include <string.h>
 
+#include "lib/cover/axes.h"
 #include "lib/num/bits.h"
-#include "lib/num/fixed.h"
 #include "lib/station/show.h"
 
 static uint32_t cell_count(const struct canopy_station *station) {
@@ -92,13 +92,20 @@ static enum canopy_plc_result run_command(void *context, enum canopy_plc_command
     }
 }
 
-// All 0 is x, y and z. False where they are no rotation.
-static bool settle_axes(int32_t axes[3][3]) {
+// All 0 is x, y and z.
+static enum canopy_status settle_axes(struct canopy_station_config *config) {
     static const int32_t none[3][3];
-    if (memcmp(axes, none, sizeof none) == 0) {
-        axes[0][0] = axes[1][1] = axes[2][2] = CANOPY_AXIS_ONE;
+    if (memcmp(config->axes, none, sizeof none) == 0) {
+        config->axes[0][0] = config->axes[1][1] = config->axes[2][2] = CANOPY_AXIS_ONE;
     }
-    return canopy_axes_are_sound((const int32_t(*)[3])axes);
+    const int32_t(*axes)[3] = (const int32_t(*)[3])config->axes;
+    if (canopy_axes_are_straight(axes)) {
+        return CANOPY_OK;
+    }
+    if (config->turning == NULL) {
+        return CANOPY_UNSUPPORTED;
+    }
+    return config->turning->turned_are_sound(axes) ? CANOPY_OK : CANOPY_ARGUMENT;
 }
 
 enum canopy_status canopy_station_init(struct canopy_station *station, const struct canopy_station_config *config,
@@ -110,12 +117,12 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
         return CANOPY_ARGUMENT;
     }
     struct canopy_station_config own = *config;
-    if (!settle_axes(own.axes)) {
-        return CANOPY_ARGUMENT;
+    enum canopy_status status = settle_axes(&own);
+    if (status != CANOPY_OK) {
+        return status;
     }
     struct canopy_arena cut;
-    enum canopy_status status =
-        canopy_arena_open(&cut, arena, bytes, CANOPY_STATION_ARENA(m, n, q, config->lines, config->clients));
+    status = canopy_arena_open(&cut, arena, bytes, CANOPY_STATION_ARENA(m, n, q, config->lines, config->clients));
     if (status != CANOPY_OK) {
         return status;
     }
@@ -142,8 +149,8 @@ static bool is_acceptable(const struct canopy_frame *frame, const struct canopy_
         frame->side != grid->side || frame->quantum_log2 != 0) {
         return false;
     }
-    return canopy_axes_are_sound(frame->axis) && frame->pitch[0] > 0 && frame->pitch[0] % grid->cells == 0 &&
-           frame->pitch[1] > 0 && frame->pitch[1] % grid->cells == 0;
+    return frame->pitch[0] > 0 && frame->pitch[0] % grid->cells == 0 && frame->pitch[1] > 0 &&
+           frame->pitch[1] % grid->cells == 0;
 }
 
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame) {
@@ -151,9 +158,11 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
     if (!is_acceptable(frame, grid)) {
         return CANOPY_ARGUMENT;
     }
-    struct canopy_turn_fx turn;
+    struct canopy_station_turning *turning = station->config.turning;
     const bool turned = !canopy_axes_are_straight(frame->axis);
-    enum canopy_status status = turned ? canopy_turn_init_fx(&turn, frame) : CANOPY_OK;
+    enum canopy_status status = !turned           ? CANOPY_OK
+                                : turning != NULL ? turning->turned_begin(turning, frame)
+                                                  : CANOPY_UNSUPPORTED;
     if (status != CANOPY_OK) {
         return status;
     }
@@ -171,34 +180,25 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
     }
     if (status == CANOPY_OK) {
         station->turned = turned;
-        if (turned) {
-            station->turn = turn;
-        }
         forget(station);
     }
     return status;
 }
 
-// The frame around a box in the scanner's axes: with turned ones, around its eight corners.
+// The frame around a box in the scanner's axes. In turned ones what a reading's z is uncertain by is sideways, too.
 static enum canopy_status frame_around(const struct canopy_station *station, const int32_t low[3],
-                                       const int32_t high[3], struct canopy_frame *frame) {
-    const int32_t(*axes)[3] = station->config.axes;
-    if (canopy_axes_are_straight(axes) || low[0] > high[0] || low[1] > high[1] || low[2] > high[2]) {
-        return canopy_frame_around_fx(frame, &station->config.grid, low, high);
+                                       const int32_t high[3], uint32_t uncertainty, struct canopy_frame *frame) {
+    const struct canopy_station_config *config = &station->config;
+    if (canopy_axes_are_straight((const int32_t(*)[3])config->axes)) {
+        return canopy_frame_around_fx(frame, &config->grid, low, high);
     }
-    struct canopy_turned_box_fx box;
-    canopy_turned_box_begin_fx(&box);
-    for (unsigned c = 0; c < 8; c++) {
-        const int32_t corner[3] = {(c & 1U ? high : low)[0], (c & 2U ? high : low)[1], (c & 4U ? high : low)[2]};
-        canopy_turned_box_add_fx(&box, axes, corner);
-    }
-    return canopy_frame_around_turned_fx(frame, &station->config.grid, axes, &box);
+    return config->turning->turned_frame(config, low, high, uncertainty, frame);
 }
 
-enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
-                                            const int32_t high[3]) {
+static enum canopy_status begin_around(struct canopy_station *station, const int32_t low[3], const int32_t high[3],
+                                       uint32_t uncertainty) {
     struct canopy_frame frame;
-    const enum canopy_status status = frame_around(station, low, high, &frame);
+    const enum canopy_status status = frame_around(station, low, high, uncertainty, &frame);
     if (status != CANOPY_OK) {
         return status;
     }
@@ -211,26 +211,18 @@ enum canopy_status canopy_station_begin_box(struct canopy_station *station, cons
     return canopy_station_begin(station, &frame);
 }
 
-// The scene's box; in turned axes what a reading's z is uncertain by is sideways, too, so the box holds that as well.
-static void box_of(const struct canopy_station *station, const struct canopy_profile_scene *scene, int32_t low[3],
-                   int32_t high[3]) {
-    const int64_t more = canopy_axes_are_straight((const int32_t(*)[3])station->config.axes) ? 0 : scene->uncertainty;
-    bool saturated = false;  // then the rest of the box has no room either, which the frame says
-    memcpy(low, scene->low, sizeof scene->low);
-    memcpy(high, scene->high, sizeof scene->high);
-    low[2] = canopy_narrow(low[2] - more, &saturated);
-    high[2] = canopy_narrow(high[2] + more, &saturated);
+enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
+                                            const int32_t high[3]) {
+    return begin_around(station, low, high, 0);
 }
 
 enum canopy_status canopy_station_begin_scene(struct canopy_station *station,
                                               const struct canopy_profile_scene *scene) {
-    int32_t low[3], high[3];
-    box_of(station, scene, low, high);
     if (memcmp(&station->config.unit, &scene->unit, sizeof scene->unit) == 0) {
-        return canopy_station_begin_box(station, low, high);
+        return begin_around(station, scene->low, scene->high, scene->uncertainty);
     }
     struct canopy_frame frame;
-    enum canopy_status status = frame_around(station, low, high, &frame);
+    enum canopy_status status = frame_around(station, scene->low, scene->high, scene->uncertainty, &frame);
     if (status == CANOPY_OK) {
         status = canopy_plc_set_unit(&station->plc, scene->unit);
     }

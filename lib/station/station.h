@@ -40,7 +40,6 @@
 #include "lib/cover/envelope.h"
 #include "lib/cover/fast.h"
 #include "lib/cover/field.h"
-#include "lib/cover/turn.h"
 #include "lib/plc/plc.h"
 #include "lib/scan/profile.h"
 #include "lib/station/show.h"
@@ -48,6 +47,7 @@
 
 struct canopy_station_config {
     struct canopy_grid grid;
+    struct canopy_station_turning *turning;  ///< for turned frames (lib/station/turning.h), else NULL
     int32_t axes[3][3];  ///< of the frames made around a scanner's scene (canopy_axes_*); all 0: x, y and z
     const struct canopy_line_fit *fit;  ///< arithmetic of the solves (canopy_fast_init)
     uint16_t lines;           ///< lines a knot interval of u (canopy_fast_init): 1, or more for tighter and slower
@@ -72,6 +72,22 @@ enum canopy_station_stage {
      CANOPY_FAST_ARENA(m, n, cells, lines) + CANOPY_CERTIFY_ARENA(n, cells, cells) + CANOPY_PLC_ARENA(m, n, clients))
 #define CANOPY_STATION_MARKS(m, n, cells)                                                                              \
     CANOPY_ARENA_ROUND(((size_t)(cells) * (cells) * ((size_t)(m)-1U) * ((size_t)(n)-1U) + 7U) / 8U)
+
+struct canopy_station;
+
+/// What a station does in turned axes, apart from it so that programs with straight axes link none of it
+/// (lib/station/turning.h).
+struct canopy_station_turning {
+    bool (*turned_are_sound)(const int32_t axes[3][3]);
+    /// As canopy_station_begin_box makes a frame; z is uncertain by that much more, up and down.
+    enum canopy_status (*turned_frame)(const struct canopy_station_config *config, const int32_t low[3],
+                                       const int32_t high[3], uint32_t uncertainty, struct canopy_frame *frame);
+    /// Takes a frame that is turned, for the readings that follow; on failure nothing is changed.
+    enum canopy_status (*turned_begin)(struct canopy_station_turning *turning, const struct canopy_frame *frame);
+    /// As canopy_station_reading.
+    enum canopy_status (*turned_reading)(struct canopy_station_turning *turning, struct canopy_station *station,
+                                         const int32_t point[3], uint32_t uncertainty);
+};
 
 /// What a station may do when nothing else is to be done: make what is published tighter (lib/station/tightening.h is
 /// one). One call is one bounded piece of work. It ends, and begins again with the next fit, when the field rises.
@@ -99,7 +115,6 @@ struct canopy_station {
     struct canopy_field field;
     struct canopy_fast fast;
     struct canopy_certify certify;
-    struct canopy_turn_fx turn;  // where the frame is turned
     bool turned;
     uint8_t *risen_cells;  // one bit a cell that rose since the last publication
     uint8_t *late_cells;   // one bit a cell that rose since its row of the candidate was certified
@@ -131,14 +146,15 @@ struct canopy_station {
 };
 
 /// Makes a station that waits for a scene. `arena`: CANOPY_STATION_ARENA bytes, aligned to 8, the station's as long as
-/// it is used. CANOPY_ARGUMENT (also: axes that are no rotation), CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN.
+/// it is used. CANOPY_ARGUMENT (also: no fit, axes that are no rotation), CANOPY_UNSUPPORTED: turned axes without
+/// config.turning; CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN.
 enum canopy_status canopy_station_init(struct canopy_station *station, const struct canopy_station_config *config,
                                        void *arena, size_t bytes, uint64_t now_us);
 
 /// Begins a scene: withdraws what is published, forgets all readings, takes the frame. Its size, cells and side must be
 /// the configuration's, its axes a rotation (canopy_axes_are_sound; any, whatever config.axes says), its quantum a
 /// device unit and its pitches multiples of its cells (else CANOPY_ARGUMENT, nothing changed). CANOPY_RANGE: turned,
-/// and 2^32 units wide.
+/// and 2^32 units wide. CANOPY_UNSUPPORTED: turned, without config.turning.
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame);
 
 /// Begins a scene in the smallest frame that holds what the scanner says of it, all corners of its box; does nothing
