@@ -211,6 +211,8 @@ class Stack:
 
     def is_linked(self, title):
         """Targets of the table that are not in this image cannot be reached. Inlined ones have no symbol and no caller."""
+        if ":" in title and title not in self.graph.frames:
+            return False  # of a file that is not linked, whatever else has that name
         return title.split(":")[-1] in self.image.symbols
 
     def deepest(self, title):

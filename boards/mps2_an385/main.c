@@ -1,6 +1,7 @@
 // The station on the board: the scanner on UART 0, the PLC on UART 1, both RTU 115200 8N1.
 #include "lib/scan/generic.h"
-#include "lib/station/serial.h"
+#include "lib/station/device.h"
+#include "lib/station/rtu_link.h"
 #include "lib/station/turning.h"
 #include "lib/version.h"
 #include "port/board.h"
@@ -19,8 +20,9 @@
 #define TIMEOUT_US 500000    // of a request to the scanner: longer than any answer takes
 #define WATCHDOG_US 2000000  // a cycle takes 10 ms at most; an emulator's busy host may hold one up
 
-static CANOPY_ARENA_DECLARE(arena, CANOPY_SERIAL_ARENA(STATION_GRID_M, STATION_GRID_N, CELLS, LINES, COLUMNS, WORDS));
-static struct canopy_serial serial;
+static CANOPY_ARENA_DECLARE(arena, CANOPY_DEVICE_ARENA(STATION_GRID_M, STATION_GRID_N, CELLS, LINES, COLUMNS, WORDS));
+static struct canopy_device device;
+static struct canopy_rtu_link scanner;
 static struct canopy_station_turned turned;
 
 static void say(const char *text) {
@@ -40,13 +42,15 @@ int main(void) {
     const struct canopy_board board = canopy_board_start((const uint32_t[]){BAUD, BAUD});
     introduce();
     canopy_station_turned_init(&turned);
-    const struct canopy_serial_config config = {
+    const struct canopy_rtu_link_config line = {
+        .clock = board.clock, .stream = board.line[0], .baud = BAUD, .character_bits = 10, .timeout_us = TIMEOUT_US};
+    const struct canopy_device_config config = {
         .clock = board.clock,
-        .scanner = {.stream = board.line[0], .baud = BAUD, .character_bits = 10, .unit = SCANNER_UNIT},
+        .scanner = {.link = canopy_rtu_link(&scanner),
+                    .table = &canopy_profile_generic,
+                    .columns = COLUMNS,
+                    .unit = SCANNER_UNIT},
         .plc = {.stream = board.line[1], .baud = BAUD, .character_bits = 10, .unit = OUR_UNIT},
-        .table = &canopy_profile_generic,
-        .columns = COLUMNS,
-        .timeout_us = TIMEOUT_US,
         .station = {.grid = {.size = {STATION_GRID_M, STATION_GRID_N}, .cells = CELLS, .side = CANOPY_ABOVE},
                     .turning = &turned.part,
                     .fit = &canopy_line_fit_fx,
@@ -59,12 +63,13 @@ int main(void) {
         .readings = 32,
         .budget = 1,
     };
-    if (canopy_serial_init(&serial, &config, arena, sizeof arena) != CANOPY_OK)
+    if (canopy_rtu_link_init(&scanner, &line) != CANOPY_OK ||
+        canopy_device_init(&device, &config, arena, sizeof arena) != CANOPY_OK)
         return 1;  // ends in a crash that says where
     (void)canopy_board_start_watchdog(WATCHDOG_US);
     for (;;) {
         const uint32_t seen = canopy_board_activity();
-        const uint64_t due_us = canopy_serial_step(&serial);
+        const uint64_t due_us = canopy_device_step(&device);
         board.watchdog.feed(board.watchdog.context);
         canopy_board_sleep(due_us, seen);
     }

@@ -1,9 +1,10 @@
-// A whole device on two serial lines, in virtual time: the test is the scanner on one line and the PLC on the other.
+// A whole device, in virtual time: the test is the scanner, on a serial line or on I2C, and the PLC on its line.
 #include "hosttest/unit/unit.h"
 #include "lib/modbus/rtu.h"
 #include "lib/plc/map.h"
 #include "lib/scan/generic.h"
-#include "lib/station/serial.h"
+#include "lib/station/device.h"
+#include "lib/station/rtu_link.h"
 
 #define M 5
 #define N 4
@@ -176,19 +177,17 @@ static void run_scanner(void) {
 
 // ---- The device and its PLC
 
-static CANOPY_ARENA_DECLARE(arena, CANOPY_SERIAL_ARENA(M, N, CELLS, 1, COLUMNS, 1));
-static struct canopy_serial serial;
+static CANOPY_ARENA_DECLARE(arena, CANOPY_DEVICE_ARENA(M, N, CELLS, 1, COLUMNS, 1));
+static struct canopy_device device;
+static struct canopy_rtu_link link;
 static struct canopy_modbus_rtu_client plc;
 static uint64_t due_us;
 
-static struct canopy_serial_config usual(void) {
-    return (struct canopy_serial_config){
+static struct canopy_device_config usual(void) {
+    return (struct canopy_device_config){
         .clock = {NULL, tell_time},
-        .scanner = {.stream = stream_of(&scanner_line), .baud = BAUD, .character_bits = 10, .unit = 4},
+        .scanner = {.link = canopy_rtu_link(&link), .table = &canopy_profile_generic, .columns = COLUMNS, .unit = 4},
         .plc = {.stream = stream_of(&plc_line), .baud = BAUD, .character_bits = 10, .unit = 9},
-        .table = &canopy_profile_generic,
-        .columns = COLUMNS,
-        .timeout_us = 20000,
         .station = {.grid = {.size = {M, N}, .cells = CELLS, .side = CANOPY_ABOVE},
                     .fit = &canopy_line_fit_fx,
                     .lines = 1,
@@ -202,7 +201,7 @@ static struct canopy_serial_config usual(void) {
     };
 }
 
-static void start_with(const struct canopy_serial_config *config) {
+static void start_with(const struct canopy_device_config *config) {
     const struct canopy_modbus_rtu_server_config server = {
         .bank = &scanner_bank, .unit = 4, .character_bits = 10, .baud = BAUD};
     const struct canopy_modbus_rtu_client_config client = {.character_bits = 10, .baud = BAUD, .timeout_us = 50000};
@@ -212,12 +211,14 @@ static void start_with(const struct canopy_serial_config *config) {
     due_us = 0;
     CHECK_EQ(canopy_modbus_rtu_server_init(&scanner.server, &server), CANOPY_OK);
     CHECK_EQ(canopy_modbus_rtu_client_init(&plc, &client, now_us), CANOPY_OK);
-    CHECK_EQ(canopy_serial_init(&serial, config, arena, sizeof arena), CANOPY_OK);
+    const struct canopy_rtu_link_config line = {{NULL, tell_time}, stream_of(&scanner_line), BAUD, 20000, 10};
+    CHECK_EQ(canopy_rtu_link_init(&link, &line), CANOPY_OK);
+    CHECK_EQ(canopy_device_init(&device, config, arena, sizeof arena), CANOPY_OK);
 }
 
 static void start(void) {
     now_us = 1000000;
-    const struct canopy_serial_config config = usual();
+    const struct canopy_device_config config = usual();
     start_with(&config);
 }
 
@@ -226,7 +227,7 @@ static void tick(void) {
     now_us += 100;
     run_scanner();
     if (due_us <= now_us || scanner_line.to_device.have > 0 || plc_line.to_device.have > 0)
-        due_us = canopy_serial_step(&serial);
+        due_us = canopy_device_step(&device);
 }
 
 static void run_for(uint32_t us) {
@@ -278,14 +279,14 @@ static uint32_t plc_read32(uint16_t address) {
 UNIT(a_sweep_becomes_an_envelope) {
     start();
     run_for(2000000);
-    CHECK_EQ(serial.driver.counters.profiles, PROFILES);
+    CHECK_EQ(device.driver.counters.profiles, PROFILES);
     CHECK_EQ(plc_read32(POINTS), all_valid());
     CHECK(plc_read32(SEQUENCE) > 0);
     uint16_t status;
     (void)plc_read(STATUS, 1, &status);
     CHECK_EQ(status, CANOPY_PLC_VALID);
     CHECK_EQ(plc_read32(UNIT_F32), 0x3F000000u);  // the scanner's, not the configured 1
-    CHECK_EQ(serial.station.rejected, 0);
+    CHECK_EQ(device.station.rejected, 0);
 }
 
 UNIT(the_plc_is_answered_at_its_silence) {
@@ -305,9 +306,9 @@ UNIT(a_silent_scanner_is_a_fault_and_the_plc_is_answered) {
     start();
     scanner.silent = true;
     run_for(5000000);
-    CHECK_EQ(serial.station.sensor_faults, 1);
-    CHECK(serial.driver.counters.failures[CANOPY_SCAN_TIMEOUT] > 0);
-    CHECK_EQ(serial.driver.counters.failures[CANOPY_SCAN_CRC], 0);
+    CHECK_EQ(device.station.sensor_faults, 1);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_TIMEOUT] > 0);
+    CHECK_EQ(device.driver.counters.failures[CANOPY_SCAN_CRC], 0);
     CHECK_EQ(plc_read32(MAGIC), 0x434E5059u);
     CHECK(plc_read32(SCAN_ERRORS) > 0);
     scanner.silent = false;
@@ -319,7 +320,7 @@ UNIT(spoiled_answers_are_counted_and_read_again) {
     start();
     scanner.spoil = 3;
     run_for(3000000);
-    CHECK_EQ(serial.driver.counters.failures[CANOPY_SCAN_CRC], 3);
+    CHECK_EQ(device.driver.counters.failures[CANOPY_SCAN_CRC], 3);
     CHECK_EQ(plc_read32(POINTS), all_valid());
 }
 
@@ -334,41 +335,38 @@ UNIT(lost_bytes_are_shown) {
     start();
     plc_line.lost = 17;
     run_for(10000);
-    CHECK_EQ(serial.station.port.lost_bytes, 17);
+    CHECK_EQ(device.station.port.lost_bytes, 17);
 }
 
 UNIT(a_scanner_without_scene_gets_the_configured_frame) {
-    struct canopy_serial_config config = usual();
+    struct canopy_device_config config = usual();
     struct canopy_frame frame;
     const int32_t low[3] = {0, 0, 0}, high[3] = {1000, 1000, 1000};
     CHECK_EQ(canopy_frame_around_fx(&frame, &config.station.grid, low, high), CANOPY_OK);
     config.frame = &frame;
     start_with(&config);
-    CHECK_EQ(serial.station.stage, CANOPY_STATION_RESTING);
-    CHECK_EQ(serial.station.field.frame.pitch[0], frame.pitch[0]);
+    CHECK_EQ(device.station.stage, CANOPY_STATION_RESTING);
+    CHECK_EQ(device.station.field.frame.pitch[0], frame.pitch[0]);
 }
 
 UNIT(bad_configurations_are_refused) {
-    struct canopy_serial_config config = usual();
-    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena - 8), CANOPY_ARENA_SHORT);
-    CHECK_EQ(canopy_serial_init(&serial, &config, (uint8_t *)arena + 4, sizeof arena - 4), CANOPY_ARENA_ALIGN);
+    struct canopy_device_config config = usual();
+    CHECK_EQ(canopy_device_init(&device, &config, arena, sizeof arena - 8), CANOPY_ARENA_SHORT);
+    CHECK_EQ(canopy_device_init(&device, &config, (uint8_t *)arena + 4, sizeof arena - 4), CANOPY_ARENA_ALIGN);
     config.budget = 0;
-    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_device_init(&device, &config, arena, sizeof arena), CANOPY_ARGUMENT);
     config = usual();
     config.readings = 0;
-    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_device_init(&device, &config, arena, sizeof arena), CANOPY_ARGUMENT);
     config = usual();
     config.station.clients = 2;
-    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_device_init(&device, &config, arena, sizeof arena), CANOPY_ARGUMENT);
     config = usual();
     config.plc.unit = 0;
-    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
-    config = usual();
-    config.timeout_us = 0;
-    CHECK_EQ(canopy_serial_init(&serial, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    CHECK_EQ(canopy_device_init(&device, &config, arena, sizeof arena), CANOPY_ARGUMENT);
 }
 
-UNIT_LIST(serial, a_sweep_becomes_an_envelope, the_plc_is_answered_at_its_silence,
+UNIT_LIST(device, a_sweep_becomes_an_envelope, the_plc_is_answered_at_its_silence,
           a_silent_scanner_is_a_fault_and_the_plc_is_answered, spoiled_answers_are_counted_and_read_again,
           a_line_that_takes_a_byte_at_a_time_is_enough, lost_bytes_are_shown,
           a_scanner_without_scene_gets_the_configured_frame, bad_configurations_are_refused)

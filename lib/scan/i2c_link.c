@@ -179,6 +179,11 @@ static enum canopy_scan_link_state poll(void *context, uint64_t now_us, struct c
     return CANOPY_SCAN_LINK_PENDING;
 }
 
+static void count(void *context, struct canopy_scan_link_counters *to) {
+    const struct canopy_i2c_link *link = context;
+    *to = (struct canopy_scan_link_counters){.recoveries = link->bus->recoveries(link->bus->context)};
+}
+
 struct canopy_scan_link canopy_i2c_link(struct canopy_i2c_link *link) {
-    return (struct canopy_scan_link){.context = link, .begin = begin, .poll = poll};
+    return (struct canopy_scan_link){.context = link, .begin = begin, .poll = poll, .count = count};
 }

@@ -5,8 +5,8 @@
 ///     canopy_i2c_link_init(&i2c, &board.i2c, &canopy_profile_generic, 50000);
 ///     config.link = canopy_i2c_link(&i2c);
 ///
-/// One read of the driver is one transfer, or several, one behind the other, where the bus or the device cannot carry it
-/// at once. Header and description always go in one, as their registers must be of one moment; for the heights the
+/// One read of the driver is one transfer, or several, one behind the other, where the bus or the device cannot carry
+/// it at once. Header and description always go in one, as their registers must be of one moment; for the heights the
 /// sequence number behind them shows whether they are.
 ///
 /// What the check sum of the table covers is checked; without one (CANOPY_SCAN_UNCHECKED) a byte that noise turned is
@@ -46,8 +46,8 @@ struct canopy_i2c_link {
     uint8_t in[2 * CANOPY_SCAN_READ_MAX + CANOPY_I2C_LINK_CHECK_MAX];  // as on the wire
 };
 
-/// Prepares; nothing goes over the bus yet. `bus` and `table` must outlive the link. `timeout_us`: of one transfer, more
-/// than the longest takes (254 bytes at 100 kHz: 24 ms) and than a device may hold the clock.
+/// Prepares; nothing goes over the bus yet. `bus` and `table` must outlive the link. `timeout_us`: of one transfer,
+/// more than the longest takes (258 bytes at 100 kHz: 24 ms) and than a device may hold the clock.
 /// CANOPY_ARGUMENT: no timeout, or the table says nothing of I2C or what cannot be; CANOPY_UNSUPPORTED: the bus cannot
 /// carry header or description at once, or there is none.
 enum canopy_status canopy_i2c_link_init(struct canopy_i2c_link *link, const struct canopy_i2c *bus,

@@ -25,6 +25,12 @@ struct canopy_scan_answer {
     enum canopy_scan_failure failure;
 };
 
+/// What became of a wire, monotonic since the start.
+struct canopy_scan_link_counters {
+    uint32_t lost_bytes;  ///< received bytes lost on a serial line
+    uint32_t recoveries;  ///< times that an I2C bus that was held was freed
+};
+
 struct canopy_scan_link {
     void *context;
     /// Begins a read. False: it cannot be begun now or ever (CANOPY_SCAN_LINK failure). The request is copied.
@@ -32,6 +38,7 @@ struct canopy_scan_link {
     /// Moves the read on. Anything but PENDING ends it, and is said once; DONE fills the answer's registers and count,
     /// FAILED its failure.
     enum canopy_scan_link_state (*poll)(void *context, uint64_t now_us, struct canopy_scan_answer *answer);
+    void (*count)(void *context, struct canopy_scan_link_counters *to);
 };
 
 #endif

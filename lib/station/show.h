@@ -7,12 +7,14 @@
 
 #include "lib/cover/envelope.h"
 #include "lib/plc/plc.h"
+#include "lib/scan/link.h"
 #include "lib/scan/profile.h"
 
 /// What the port adds to the counters; the station only shows it.
 struct canopy_station_port {
     uint32_t rx_frames, rx_errors, lost_bytes;  ///< of all PLC ports
     uint32_t cycle_us, cycle_max_us;            ///< of the main loop
+    struct canopy_scan_link_counters scan;      ///< of the wire to the scanner
 };
 
 /// Milliseconds that fit a register.
