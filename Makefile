@@ -33,7 +33,7 @@ HOSTTEST_NAMES := $(patsubst hosttest/%.c,%,$(HOSTTEST_SOURCES))
 FUZZ_NAMES := $(patsubst hosttest/%.c,%,$(sort $(wildcard hosttest/fuzz_*.c)))
 
 # Generated C stands in $(BUILD)/gen, which is on the include path. Whoever adds a generator adds its outputs here.
-GENERATED := $(BUILD)/gen/canopy_registers.h $(BUILD)/gen/canopy_register_table.h
+GENERATED := $(addprefix $(BUILD)/gen/canopy_,registers.h register_table.h settings_table.h)
 REGISTERS := $(GENERATED) $(addprefix $(BUILD)/registers.,json csv md)
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -63,7 +63,53 @@ static enum canopy_plc_result command(void *context, enum canopy_plc_command_cod
     return CANOPY_PLC_RESULT_REFUSED;
 }
 
+static void health(struct canopy_plc_keeper *it, struct canopy_plc_health *to) {
+    (void)it;
+    *to = (struct canopy_plc_health){
+        .crash = {.kind = 0x30001, .pc = 0x30002, .lr = 0x30003, .sp = 0x30004, .status = 0x30005, .address = 0x30006},
+        .starts = 0x20001,
+        .crash_count = 0x20002,
+        .ram_passes = 0x20003,
+        .flash_passes = 0x20004,
+        .flash_crc = 0x20005,
+        .i2c_recoveries = 0x20006,
+        .scanner_lost_bytes = 0x20007,
+        .tests = 0x2101,
+        .passed = 0x2102,
+        .failed = 0x2103,
+        .reset_reason = 0x2104,
+        .scanner_failure = 0x2105,
+        .stack_unused = 0x2106};
+}
+
+static enum canopy_plc_result keep(struct canopy_plc_keeper *it, enum canopy_plc_command_code code) {
+    (void)it;
+    assert_in_range(code, CANOPY_PLC_COMMAND_STORE, CANOPY_PLC_COMMAND_RESET);
+    commands++;
+    return CANOPY_PLC_RESULT_REFUSED;
+}
+
+static struct canopy_plc_keeper keeper;
+
 static void start(void) {
+    keeper = (struct canopy_plc_keeper){.settings = {.value = {.plc_unit = 17,
+                                                               .plc_format = 1,
+                                                               .plc_baud = 19200,
+                                                               .scanner_unit = 18,
+                                                               .scanner_i2c = 19,
+                                                               .scanner_format = 0,
+                                                               .side = 1,
+                                                               .scanner_baud = 19201,
+                                                               .scanner_timeout_ms = 1001,
+                                                               .stale_after_ms = 70001,
+                                                               .interval_ms = 70002,
+                                                               .refresh_ms = 70003,
+                                                               .watchdog_ms = 7004},
+                                                     .generation = 0x40001,
+                                                     .state = 0x4101,
+                                                     .stored = 0x4102},
+                                        .health = health,
+                                        .keep = keep};
     const struct canopy_plc_config config = {
         .size = {M, N},
         .side = CANOPY_BELOW,
@@ -73,6 +119,7 @@ static void start(void) {
         .source = {.live = live, .counters = counters, .height = height, .command = command},
     };
     assert_int_equal(canopy_plc_init(&plc, &config, arena, sizeof arena), CANOPY_OK);
+    plc.keeper = &keeper;
     for (int i = 0; i < 2; i++) {
         struct canopy_envelope *to = canopy_plc_begin(&plc);
         to->frame = (struct canopy_frame){.origin = {-101, 102, -103},
@@ -178,6 +225,41 @@ static const struct {
     {"uptime_s", NULL, 0x10013},
     {"cycle_us", NULL, 0x10014},
     {"cycle_max_us", NULL, 0x10015},
+    {"selftests", NULL, 0x2101},
+    {"selftests_passed", NULL, 0x2102},
+    {"selftests_failed", NULL, 0x2103},
+    {"reset_reason", NULL, 0x2104},
+    {"starts", NULL, 0x20001},
+    {"crash_count", NULL, 0x20002},
+    {"crash_kind", NULL, 0x30001},
+    {"crash_pc", NULL, 0x30002},
+    {"crash_lr", NULL, 0x30003},
+    {"crash_sp", NULL, 0x30004},
+    {"crash_status", NULL, 0x30005},
+    {"crash_address", NULL, 0x30006},
+    {"ram_passes", NULL, 0x20003},
+    {"flash_passes", NULL, 0x20004},
+    {"flash_crc", NULL, 0x20005},
+    {"i2c_recoveries", NULL, 0x20006},
+    {"scanner_lost_bytes", NULL, 0x20007},
+    {"scanner_failure", NULL, 0x2105},
+    {"stack_unused", NULL, 0x2106},
+    {"settings_state", NULL, 0x4101},
+    {"settings_stored", NULL, 0x4102},
+    {"settings_generation", NULL, 0x40001},
+    {"set_plc_unit", NULL, 17},
+    {"set_plc_format", NULL, 1},
+    {"set_plc_baud", NULL, 19200},
+    {"set_scanner_unit", NULL, 18},
+    {"set_scanner_i2c", NULL, 19},
+    {"set_scanner_format", NULL, 0},
+    {"set_side", NULL, 1},
+    {"set_scanner_baud", NULL, 19201},
+    {"set_scanner_timeout_ms", NULL, 1001},
+    {"set_stale_after_ms", NULL, 70001},
+    {"set_interval_ms", NULL, 70002},
+    {"set_refresh_ms", NULL, 70003},
+    {"set_watchdog_ms", NULL, 7004},
 };
 
 enum { EXPECTED = sizeof expected / sizeof expected[0] };
@@ -463,15 +545,153 @@ static void long_reads_are_many_short_ones(void **unused) {
 // Every write
 
 static struct canopy_plc plc_before;
+static struct canopy_plc_keeper keeper_before;
 static unsigned char arena_before[sizeof arena];
 
 static void remember(void) {
     plc_before = plc;
+    keeper_before = keeper;
     memcpy(arena_before, arena, sizeof arena);
 }
 
 static bool unchanged(void) {
-    return memcmp(&plc, &plc_before, sizeof plc) == 0 && memcmp(arena, arena_before, sizeof arena) == 0;
+    return memcmp(&plc, &plc_before, sizeof plc) == 0 && memcmp(&keeper, &keeper_before, sizeof keeper) == 0 &&
+           memcmp(arena, arena_before, sizeof arena) == 0;
+}
+
+// The settings as the table's own page tells them, not as the code has them.
+static const struct {
+    const char *name;
+    uint32_t low, high;
+} ranges[] = {
+    {"set_plc_unit", 1, 247},
+    {"set_plc_format", 0, 1},
+    {"set_plc_baud", 1200, 921600},
+    {"set_scanner_unit", 1, 247},
+    {"set_scanner_i2c", 8, 119},
+    {"set_scanner_format", 0, 1},
+    {"set_side", 0, 1},
+    {"set_scanner_baud", 1200, 921600},
+    {"set_scanner_timeout_ms", 10, 10000},
+    {"set_stale_after_ms", 100, 3600000},
+    {"set_interval_ms", 0, 3600000},
+    {"set_refresh_ms", 0, 3600000},
+    {"set_watchdog_ms", 1000, 8000},
+};
+
+enum { SETTINGS_COUNT = sizeof ranges / sizeof ranges[0] };
+
+static json_t *register_of(const char *name) {
+    size_t i;
+    json_t *item;
+    json_array_foreach(json_object_get(map, "registers"), i, item) {
+        if (strcmp(json_string_value(json_object_get(item, "name")), name) == 0)
+            return item;
+    }
+    fail_msg("no register %s", name);
+    return NULL;
+}
+
+// How a write of `value` to setting s must be answered, alone and without touching anything else.
+static void write_setting(size_t s, uint32_t value) {
+    const json_t *item = register_of(ranges[s].name);
+    const uint16_t address = (uint16_t)json_integer_value(json_object_get(item, "address"));
+    const uint16_t words = (uint16_t)json_integer_value(json_object_get(item, "words"));
+    const uint8_t all[4] = {(uint8_t)(value >> 24), (uint8_t)(value >> 16), (uint8_t)(value >> 8), (uint8_t)value};
+    const uint8_t *bytes = words == 2 ? all : all + 2;
+    const bool good = value >= ranges[s].low && value <= ranges[s].high;
+    if (words == 1 && value > 0xFFFF)
+        return;
+    remember();
+    read_image();
+    assert_int_equal(canopy_plc_write(&plc, 1, address, words, bytes, 16), good ? 0 : CANOPY_MODBUS_ILLEGAL_VALUE);
+    if (!good) {
+        assert_true(unchanged());
+        return;
+    }
+    uint8_t answer[4];
+    assert_int_equal(canopy_plc_read(&plc, 0, address, words, answer), 0);
+    assert_memory_equal(answer, bytes, 2U * words);
+    for (uint32_t a = CANOPY_REGISTER_SETTINGS_STATE; a < CANOPY_REGISTER_SETTINGS_STATE + 100; a++)
+        if (a < address || a >= (uint32_t)address + words) {
+            uint8_t other[2] = {0, 0};
+            (void)canopy_plc_read(&plc, 0, (uint16_t)a, 1, other);
+            assert_int_equal(word_at(other, 0), image[a]);
+        }
+}
+
+static void settings_take_their_ranges_and_nothing_else(void **unused) {
+    (void)unused;
+    start();
+    uint32_t random = 1;
+    for (size_t s = 0; s < SETTINGS_COUNT; s++) {
+        const uint32_t low = ranges[s].low, high = ranges[s].high;
+        const uint32_t edges[] = {low, high, low - 1, high + 1, 0, 0xFFFF, 0x10000, 0xFFFFFFFF, low + (high - low) / 2};
+        for (size_t i = 0; i < sizeof edges / sizeof edges[0]; i++)
+            write_setting(s, edges[i]);
+        for (int i = 0; i < 20; i++) {
+            random = random * 1664525U + 1013904223U;
+            write_setting(s, random >> (random % 29));
+        }
+    }
+}
+
+static void fixed_settings_keep_their_value(void **unused) {
+    (void)unused;
+    start();
+    keeper.fixed = 1U << CANOPY_SETTING_SIDE | 1U << CANOPY_SETTING_PLC_BAUD;
+    const uint8_t zero[2] = {0, 0}, one[2] = {0, 1}, same[4] = {0, 0, 0x4B, 0x00}, other[4] = {0, 1, 0xC2, 0x00};
+    remember();
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_SET_SIDE, 1, zero, 6), CANOPY_MODBUS_ILLEGAL_VALUE);
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_SET_SIDE, 1, one, 6), 0);
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_SET_PLC_BAUD, 2, same, 16), 0);
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_SET_PLC_BAUD, 2, other, 16),
+                     CANOPY_MODBUS_ILLEGAL_VALUE);
+    assert_true(unchanged());
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_SET_SCANNER_BAUD, 2, other, 16), 0);
+}
+
+// All settings in one request: one that is out of range refuses them all.
+static void a_write_of_many_settings_is_all_or_nothing(void **unused) {
+    (void)unused;
+    start();
+    uint8_t bytes[CANOPY_SETTINGS_BYTES];
+    const uint16_t words = CANOPY_SETTINGS_BYTES / 2;
+    assert_int_equal(canopy_plc_read(&plc, 0, CANOPY_REGISTER_SET_PLC_UNIT, words, bytes), 0);
+    remember();
+    for (size_t i = 0; i < sizeof bytes; i += 2) {
+        uint8_t wrong[sizeof bytes];
+        memcpy(wrong, bytes, sizeof bytes);
+        wrong[1] = 99;  // a change that is allowed, first
+        wrong[i] = wrong[i + 1] = 0xFF;
+        // 65535 in the low half of a long setting may still be in its range
+        const uint8_t exception = canopy_plc_write(&plc, 0, CANOPY_REGISTER_SET_PLC_UNIT, words, wrong, 16);
+        if (exception == 0) {
+            assert_int_equal(keeper.settings.value.plc_unit, 99);
+            start();
+        } else {
+            assert_int_equal(exception, CANOPY_MODBUS_ILLEGAL_VALUE);
+            assert_true(unchanged());
+        }
+    }
+    plc.keeper = NULL;
+    assert_int_equal(canopy_plc_write(&plc, 0, CANOPY_REGISTER_SET_PLC_UNIT, words, bytes, 16),
+                     CANOPY_MODBUS_ILLEGAL_ADDRESS);
+    uint8_t state[2];
+    assert_int_equal(canopy_plc_read(&plc, 0, CANOPY_REGISTER_SETTINGS_STATE, 1, state), 0);
+    assert_int_equal(word_at(state, 0), CANOPY_PLC_SETTINGS_NOWHERE);
+}
+
+// Whether `count` registers from `a` on are whole settings: written in range or refused for their value, elsewhere.
+static bool is_setting(uint32_t a, uint32_t count) {
+    uint32_t covered = 0;
+    for (size_t s = 0; s < SETTINGS_COUNT; s++) {
+        const json_t *item = register_of(ranges[s].name);
+        const uint32_t address = (uint32_t)json_integer_value(json_object_get(item, "address"));
+        const uint32_t words = (uint32_t)json_integer_value(json_object_get(item, "words"));
+        covered += address >= a && address + words <= a + count ? words : 0;
+    }
+    return covered == count;
 }
 
 static void single_writes_have_their_effect_or_none(void **unused) {
@@ -482,7 +702,7 @@ static void single_writes_have_their_effect_or_none(void **unused) {
     for (uint32_t a = 0; a < ADDRESSES; a++)
         for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
             const uint8_t bytes[2] = {(uint8_t)(values[i] >> 8), (uint8_t)values[i]};
-            if (a == CANOPY_REGISTER_COMMAND)
+            if (a == CANOPY_REGISTER_COMMAND || is_setting(a, 1))
                 continue;
             assert_int_equal(canopy_plc_write(&plc, 0, (uint16_t)a, 1, bytes, 6), CANOPY_MODBUS_ILLEGAL_ADDRESS);
             if (!unchanged())
@@ -531,6 +751,14 @@ static void only_whole_items_are_written(void **unused) {
         for (uint32_t count = 2; count <= 123 && a + count <= ADDRESSES; count += count < 12 ? 1 : 37) {
             const bool whole = (a == CANOPY_REGISTER_QUERY_X && (count == 2 || count == 4)) ||
                                (a == CANOPY_REGISTER_QUERY_Y && count == 2);
+            if (a >= CANOPY_REGISTER_SET_PLC_UNIT && a < CANOPY_REGISTER_SET_PLC_UNIT + 100 && is_setting(a, count)) {
+                // whole settings: what they may be is tested above
+                if (canopy_plc_write(&plc, 0, (uint16_t)a, (uint16_t)count, bytes, 16) != 0)
+                    assert_true(unchanged());
+                start();
+                remember();
+                continue;
+            }
             const uint8_t exception = canopy_plc_write(&plc, 0, (uint16_t)a, (uint16_t)count, bytes, 16);
             assert_int_equal(exception, whole ? 0 : CANOPY_MODBUS_ILLEGAL_ADDRESS);
             written += whole;
@@ -553,6 +781,9 @@ int main(void) {
         cmocka_unit_test(every_address_and_length),
         cmocka_unit_test(long_reads_are_many_short_ones),
         cmocka_unit_test(single_writes_have_their_effect_or_none),
+        cmocka_unit_test(settings_take_their_ranges_and_nothing_else),
+        cmocka_unit_test(fixed_settings_keep_their_value),
+        cmocka_unit_test(a_write_of_many_settings_is_all_or_nothing),
         cmocka_unit_test(every_command_word),
         cmocka_unit_test(only_whole_items_are_written),
     };

@@ -55,7 +55,8 @@ def test_the_page_in_docs_is_current():
 def test_what_the_build_made_is_current(made):
     build = Path(os.environ.get("BUILD", "build"))
     build = build if build.is_absolute() else ROOT / build
-    for name in ("registers.json", "registers.csv", "registers.md", "gen/canopy_registers.h", "gen/canopy_register_table.h"):
+    for name in ("registers.json", "registers.csv", "registers.md", "gen/canopy_registers.h", "gen/canopy_register_table.h",
+                 "gen/canopy_settings_table.h"):
         assert (build / name).read_text() == (made / name).read_text(), name
 
 
@@ -133,6 +134,12 @@ def test_the_crc_covers_meaning_but_not_wording(made, tmp_path):
     ("269x124/125", "269", "COUNTxWORDS/STRIDE"),
     ("@version,1", "", "@version"),
     ("@group,query", "@group,questions", "@group"),
+    ('line",1,247,1\n505', 'line",1,247\n505', "11 columns instead of 12"),
+    ('line",1,247,1\n505', 'line",1,247,x\n505', "are not numbers"),
+    ('line",1,247,1\n505', 'line",1,247,0\n505', "not lowest <= default"),
+    ('line",1,247,1\n505', 'line",1,65536,1\n505', "not in the type"),
+    ("504,set_plc_unit,u16,1,rw", "504,set_plc_unit,string,1,rw", "a setting is u16 or u32"),
+    ("500,settings_state,u16,1,r,", "500,settings_state,u16,1,rw,", "9 columns instead of 12"),
 ])
 def test_a_table_that_contradicts_itself_is_refused(tmp_path, old, new, what):
     text = TABLE.read_text()

@@ -2,7 +2,7 @@
 """Makes everything that says what a register is from the one table, lib/plc/registers.csv.
 
 Usage: registers.py [TABLE] --out DIRECTORY   writes gen/canopy_registers.h, gen/canopy_register_table.h,
-                                              registers.json, registers.csv and registers.md there
+                                              gen/canopy_settings_table.h, registers.json, registers.csv and registers.md there
        registers.py [TABLE] --page FILE       writes the page for people
        registers.py [TABLE] --check FILE      exit 1 if FILE is not that page
 
@@ -19,9 +19,9 @@ import zlib
 TABLE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "lib", "plc", "registers.csv")
 WORDS = {"u16": 1, "u32": 2, "i32": 2, "f32": 2}
 ACCESS = ("r", "rw", "w")
-GROUPS = ("identity", "live", "envelope", "query", "command", "counters", "coverage", "blocks", "changes")
+GROUPS = ("identity", "live", "envelope", "query", "command", "counters", "health", "settings", "coverage", "blocks", "changes")
 SERIES = ("coverage", "blocks", "changes")
-WRITABLE = ("query", "command")
+WRITABLE = ("query", "command", "settings")
 HEADER_WORDS = 64  # lib/plc keeps which header registers a hold has shown in as many bits
 
 
@@ -38,8 +38,10 @@ class Item:
     """One row: a register, or a series of equal blocks (count > 1 or stride > words)."""
 
     def __init__(self, line, group, row):
-        need(len(row) == 9, line, f"{len(row)} columns instead of 9")
-        address, self.name, self.type, words, self.access, self.unit, scale, self.field, self.doc = row
+        self.setting = group == "settings" and len(row) > 4 and "w" in row[4]
+        columns = 12 if self.setting else 9
+        need(len(row) == columns, line, f"{len(row)} columns instead of {columns}")
+        address, self.name, self.type, words, self.access, self.unit, scale, self.field, self.doc = row[:9]
         self.line, self.group = line, group
         need(re.fullmatch(r"\d+", address), line, f"address {address!r} is not a number")
         self.address = int(address)
@@ -64,6 +66,15 @@ class Item:
         self.scale = 2.0 ** int(power.group(1)) if power else float(scale)
         self.scale = int(self.scale) if self.scale == int(self.scale) else self.scale
         self.scale_text = scale
+        if self.setting:
+            self.take_range(row[9:])
+
+    def take_range(self, texts):
+        need(all(re.fullmatch(r"\d+", t) for t in texts), self.line, "lowest, highest and default are not numbers")
+        self.low, self.high, self.default = map(int, texts)
+        need(self.type in ("u16", "u32"), self.line, "a setting is u16 or u32")
+        need(self.low <= self.default <= self.high < 1 << 16 * self.words, self.line, "not lowest <= default <= highest, or not in the type")
+        self.doc += f". {self.low} to {self.high}, {self.default} by default"
 
     @property
     def end(self):
@@ -125,6 +136,10 @@ class Map:
     def end(self):
         return self.items[-1].end
 
+    @property
+    def settings(self):
+        return [i for i in self.items if i.setting]
+
     # -- what is written ---------------------------------------------------------------------------------------------
 
     def constants(self):
@@ -143,7 +158,20 @@ class Map:
                     stem = "CANOPY_" + item.name.replace("_*", "").upper()
                     out += [f"#define {stem}_STRIDE {item.stride}u", f"#define {stem}_WORDS {item.words}u", f"#define {stem}_MAX {item.count}u"]
             out.append("")
+        out.append("// Settings by number: a bit each")
+        out += [f"#define CANOPY_SETTING_{item.name.removeprefix('set_').upper()} {k}u" for k, item in enumerate(self.settings)]
+        out += [f"#define CANOPY_SETTINGS {len(self.settings)}u", f"#define CANOPY_SETTINGS_BYTES {2 * sum(i.words for i in self.settings)}u", ""]
         return "\n".join(out + ["#endif", ""])
+
+    def settings_table(self):
+        """gen/canopy_settings_table.h: what a setting may be."""
+        out = ["// Generated from lib/plc/registers.csv by tools/registers.py. For lib/plc/settings.c alone.",
+               "#ifndef CANOPY_SETTINGS_TABLE_H", "#define CANOPY_SETTINGS_TABLE_H", "",
+               '#include "lib/plc/settings.h"', "", "static const struct canopy_settings_item canopy_settings_items[] = {"]
+        for i in self.settings:
+            member = i.field.removeprefix("value.")
+            out.append(f"    {{{i.low}u, {i.high}u, {i.default}u, offsetof(struct canopy_settings, {member}), {i.words}}},  // {i.name}")
+        return "\n".join(out + ["};", "", "#endif", ""])
 
     def table(self):
         """gen/canopy_register_table.h: how lib/plc serves the groups that are C structs."""
@@ -229,6 +257,7 @@ def main():
         return 2
     if arguments.out:
         for name, text in (("gen/canopy_registers.h", the.constants()), ("gen/canopy_register_table.h", the.table()),
+                           ("gen/canopy_settings_table.h", the.settings_table()),
                            ("registers.json", the.json()), ("registers.csv", the.csv()), ("registers.md", the.page())):
             store(os.path.join(arguments.out, name), text)
     if arguments.page:

@@ -70,6 +70,8 @@ union image {
     struct canopy_plc_query query;
     struct canopy_plc_command command;
     struct canopy_plc_counters counters;
+    struct canopy_plc_health health;
+    struct canopy_plc_settings settings;
 };
 
 static void identity_now(const struct canopy_plc *plc, struct canopy_plc_identity *to) {
@@ -102,6 +104,18 @@ static void counters_now(const struct canopy_plc *plc, struct canopy_plc_counter
     to->commands = plc->commands;
 }
 
+static void health_now(const struct canopy_plc *plc, struct canopy_plc_health *to) {
+    *to = (struct canopy_plc_health){0};
+    if (plc->keeper != NULL)
+        plc->keeper->health(plc->keeper, to);
+}
+
+static void settings_now(const struct canopy_plc *plc, struct canopy_plc_settings *to) {
+    *to = (struct canopy_plc_settings){.state = CANOPY_PLC_SETTINGS_NOWHERE};
+    if (plc->keeper != NULL)
+        *to = plc->keeper->settings;
+}
+
 static void fill(struct canopy_plc *plc, uint8_t client, size_t group, struct canopy_plc_range range,
                  const struct canopy_plc_slot *snapshot, union image *to) {
     switch (group) {
@@ -114,6 +128,8 @@ static void fill(struct canopy_plc *plc, uint8_t client, size_t group, struct ca
         to->query = plc->clients[client].query;
         break;
     case CANOPY_PLC_GROUP_COMMAND: to->command = plc->clients[client].command; break;
+    case CANOPY_PLC_GROUP_HEALTH: health_now(plc, &to->health); break;
+    case CANOPY_PLC_GROUP_SETTINGS: settings_now(plc, &to->settings); break;
     default: counters_now(plc, &to->counters); break;
     }
 }
@@ -385,6 +401,14 @@ static void take(size_t g, struct canopy_plc_range range, const uint8_t *from, v
     }
 }
 
+static enum canopy_plc_result result_of(struct canopy_plc *plc, enum canopy_plc_command_code code) {
+    if (code == CANOPY_PLC_COMMAND_NOTHING)
+        return CANOPY_PLC_RESULT_DONE;
+    if (code <= CANOPY_PLC_COMMAND_WITHDRAW)
+        return plc->config.source.command(plc->config.source.context, code);
+    return plc->keeper != NULL ? plc->keeper->keep(plc->keeper, code) : CANOPY_PLC_RESULT_REFUSED;
+}
+
 static uint8_t run(struct canopy_plc *plc, struct canopy_plc_command *mine, uint16_t word) {
     const uint8_t code = (uint8_t)word;
     if (code >= CANOPY_PLC_COMMANDS)
@@ -392,12 +416,21 @@ static uint8_t run(struct canopy_plc *plc, struct canopy_plc_command *mine, uint
     mine->command = word;
     if (word >> 8 != 0 && word == mine->echo)
         return CANOPY_MODBUS_NO_EXCEPTION;  // a master repeats a request whose answer it did not get
-    const struct canopy_plc_source *source = &plc->config.source;
     plc->commands++;
     mine->echo = word;
-    mine->result = CANOPY_PLC_RESULT_DONE;
-    if (code != CANOPY_PLC_COMMAND_NOTHING)
-        mine->result = (uint16_t)source->command(source->context, (enum canopy_plc_command_code)code);
+    mine->result = (uint16_t)result_of(plc, (enum canopy_plc_command_code)code);
+    return CANOPY_MODBUS_NO_EXCEPTION;
+}
+
+// All of a write is allowed, or nothing of it is taken.
+static uint8_t change_settings(const struct canopy_plc *plc, struct canopy_plc_range range, const uint8_t *from) {
+    if (plc->keeper == NULL)
+        return CANOPY_MODBUS_ILLEGAL_ADDRESS;
+    struct canopy_plc_settings *mine = &plc->keeper->settings, wanted = *mine;
+    take(CANOPY_PLC_GROUP_SETTINGS, range, from, &wanted);
+    if (!canopy_settings_are_allowed(&wanted.value, &mine->value, plc->keeper->fixed))
+        return CANOPY_MODBUS_ILLEGAL_VALUE;
+    *mine = wanted;
     return CANOPY_MODBUS_NO_EXCEPTION;
 }
 
@@ -420,6 +453,7 @@ uint8_t canopy_plc_write(void *plc, uint8_t client, uint16_t address, uint16_t c
     case CANOPY_PLC_GROUP_COMMAND:
         take(CANOPY_PLC_GROUP_COMMAND, range, from, &command);
         return run(it, &mine->command, command.command);
+    case CANOPY_PLC_GROUP_SETTINGS: return change_settings(it, range, from);
     default: return CANOPY_MODBUS_ILLEGAL_ADDRESS;
     }
 }

@@ -9,6 +9,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "lib/plc/settings.h"
+#include "lib/port.h"
+
 /// Bits of canopy_plc_live.status.
 enum canopy_plc_status_bit {
     CANOPY_PLC_VALID = 1,      ///< a certified, fresh envelope is published
@@ -32,6 +35,9 @@ enum canopy_plc_command_code {
     CANOPY_PLC_COMMAND_REFIT = 1,     ///< refit now
     CANOPY_PLC_COMMAND_RESTART = 2,   ///< withdraw the envelope and forget all readings
     CANOPY_PLC_COMMAND_WITHDRAW = 3,  ///< withdraw the envelope until the next publication
+    CANOPY_PLC_COMMAND_STORE = 4,     ///< store the settings
+    CANOPY_PLC_COMMAND_DEFAULTS = 5,  ///< store that all settings are the defaults
+    CANOPY_PLC_COMMAND_RESET = 6,     ///< restart the device
     CANOPY_PLC_COMMANDS               ///< how many there are
 };
 
@@ -86,6 +92,57 @@ struct canopy_plc_query {
 
 struct canopy_plc_command {
     uint16_t command, echo, result;
+};
+
+/// Bits of a device's self-tests.
+enum canopy_plc_selftest_bit {
+    CANOPY_PLC_SELFTEST_RAM = 1,
+    CANOPY_PLC_SELFTEST_FLASH = 2,
+    CANOPY_PLC_SELFTEST_CERTIFICATE = 4
+};
+
+/// Why a device started.
+enum canopy_plc_reset_reason {
+    CANOPY_PLC_RESET_POWER = 0,
+    CANOPY_PLC_RESET_WATCHDOG = 1,
+    CANOPY_PLC_RESET_CRASH = 2,
+    CANOPY_PLC_RESET_COMMAND = 3,
+    CANOPY_PLC_RESET_OTHER = 4
+};
+
+/// What a device started with.
+enum canopy_plc_settings_state {
+    CANOPY_PLC_SETTINGS_NONE = 0,     ///< nothing is stored: defaults
+    CANOPY_PLC_SETTINGS_STORED = 1,   ///< what is stored
+    CANOPY_PLC_SETTINGS_MENDED = 2,   ///< what is stored, one of the two copies is damaged or older
+    CANOPY_PLC_SETTINGS_CORRUPT = 3,  ///< both copies are damaged: defaults
+    CANOPY_PLC_SETTINGS_NOWHERE = 4,  ///< no memory for it: defaults
+    CANOPY_PLC_SETTINGS_REFUSED = 5   ///< of a newer firmware or another device: defaults
+};
+
+/// How far the last storing is.
+enum canopy_plc_settings_stored {
+    CANOPY_PLC_STORE_NONE = 0,
+    CANOPY_PLC_STORE_UNDER_WAY = 1,
+    CANOPY_PLC_STORE_DONE = 2,
+    CANOPY_PLC_STORE_FAILED = 3
+};
+
+/// Filled by the device whenever a client reads it.
+struct canopy_plc_health {
+    struct canopy_crash crash;  ///< the last one; its count is not shown from here
+    uint32_t starts, crash_count, ram_passes, flash_passes, flash_crc, i2c_recoveries, scanner_lost_bytes;
+    uint16_t tests, passed, failed;  ///< enum canopy_plc_selftest_bit
+    uint16_t reset_reason;           ///< enum canopy_plc_reset_reason
+    uint16_t scanner_failure;        ///< 1 + enum canopy_scan_failure; 0: none
+    uint16_t stack_unused;
+};
+
+struct canopy_plc_settings {
+    struct canopy_settings value;  ///< what clients write and command 4 stores
+    uint32_t generation;
+    uint16_t state;   ///< enum canopy_plc_settings_state
+    uint16_t stored;  ///< enum canopy_plc_settings_stored
 };
 
 /// How the bytes of a member become registers.

@@ -48,8 +48,19 @@ struct canopy_plc_source {
     /// with GOOD. Not called while an envelope is not published or the live status says intrusion.
     enum canopy_plc_query_status (*height)(void *context, const struct canopy_envelope *envelope, int32_t x, int32_t y,
                                            int32_t *height);
-    /// Runs a command: 1 to CANOPY_PLC_COMMANDS - 1. May publish and withdraw. Returns DONE or REFUSED, at once.
+    /// Runs a command: REFIT, RESTART or WITHDRAW. May publish and withdraw. Returns DONE or REFUSED, at once.
     enum canopy_plc_result (*command)(void *context, enum canopy_plc_command_code code);
+};
+
+/// The device around what is published, as far as registers show and change it: groups health and settings, and the
+/// commands STORE, DEFAULTS and RESET. lib/station/health.h is one. Called like a canopy_plc_source.
+struct canopy_plc_keeper {
+    struct canopy_plc_settings settings;  ///< clients write `value`, within its ranges; the rest is the keeper's
+    uint32_t fixed;                       ///< settings that cannot be changed: 1 << CANOPY_SETTING_...
+    /// Fills in the health as of now. `to` comes zeroed.
+    void (*health)(struct canopy_plc_keeper *keeper, struct canopy_plc_health *to);
+    /// Runs a command or begins to. Returns DONE or REFUSED, at once.
+    enum canopy_plc_result (*keep)(struct canopy_plc_keeper *keeper, enum canopy_plc_command_code code);
 };
 
 struct canopy_plc_config {
@@ -87,9 +98,10 @@ struct canopy_plc_client {
     uint8_t hold;  ///< slot, CANOPY_PLC_NO_SLOT or CANOPY_PLC_BROKEN
 };
 
-/// All members are the object's own.
+/// All members are the object's own, but `keeper`.
 struct canopy_plc {
     struct canopy_plc_config config;
+    struct canopy_plc_keeper *keeper;  ///< set after init, or NULL: health reads 0, there are no settings
     struct canopy_plc_client *clients;
     struct canopy_plc_slot *slots;
     size_t shown_bytes;
@@ -98,6 +110,7 @@ struct canopy_plc {
     uint32_t publications, withdrawals, commands;
     uint8_t slot_count;
     uint8_t published, writing;  ///< slots, or CANOPY_PLC_NO_SLOT
+    bool barred;
 };
 
 // One bit a block; neither coverage nor changes have more blocks than coefficients have.
@@ -133,7 +146,7 @@ struct canopy_envelope *canopy_plc_begin(struct canopy_plc *plc);
 /// Publishes what canopy_plc_begin() gave: the sequence grows by one (from 2^32 - 1 to 1), holds stay as they are.
 /// CANOPY_ARGUMENT: nothing was begun, a size below 4 or with more coefficients than the room, a side or scalar other
 /// than configured, a negative margin or a pitch of 0. CANOPY_RANGE: unit * 2^quantum_log2 or 2^lsb_log2 is no normal
-/// float. After an error nothing is published, and the envelope is still there to be mended. Compares the rows of
+/// float. CANOPY_NOT_SAFE: barred. After an error nothing is published, and the envelope is still there to be mended. Compares the rows of
 /// coefficients with those of the envelope published until now, to tell which have changed: O(m n) at most.
 enum canopy_status canopy_plc_commit(struct canopy_plc *plc);
 
@@ -144,6 +157,9 @@ enum canopy_status canopy_plc_publish(struct canopy_plc *plc, const struct canop
 /// Takes the published envelope back, at once and from everybody: nothing is published, all holds break, the results
 /// of queries become the extreme safe value. Without a published envelope it only breaks the holds. O(clients).
 void canopy_plc_withdraw(struct canopy_plc *plc);
+
+/// Withdraws, and from now on publishes nothing: the device has found itself faulty. There is no way back but init.
+void canopy_plc_bar(struct canopy_plc *plc);
 
 /// The newest envelope, NULL if none is published. It stays as it is until the next commit or withdrawal.
 const struct canopy_envelope *canopy_plc_published(const struct canopy_plc *plc);
@@ -173,7 +189,7 @@ uint8_t canopy_plc_readable(void *plc, uint8_t client, uint16_t address, uint16_
 /// Serves a write of `count` registers (1 to 123) from `address`, taken from 2 * count bytes at `from`; `function` is
 /// the function code and makes no difference. All or nothing. Returns 0 or an enum canopy_modbus_exception:
 /// ILLEGAL_ADDRESS, a register that is not there or cannot be written, or a part of a multi-register value;
-/// ILLEGAL_VALUE, a count out of range or an unknown command; FAILURE, no such client.
+/// ILLEGAL_VALUE, a count out of range, an unknown command, or a setting outside of its range; FAILURE, no such client.
 uint8_t canopy_plc_write(void *plc, uint8_t client, uint16_t address, uint16_t count, const uint8_t *from,
                          uint8_t function);
 

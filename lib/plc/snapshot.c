@@ -156,7 +156,7 @@ enum canopy_status canopy_plc_commit(struct canopy_plc *plc) {
     if (plc->writing == CANOPY_PLC_NO_SLOT)
         return CANOPY_ARGUMENT;
     struct canopy_plc_slot *slot = &plc->slots[plc->writing];
-    const enum canopy_status status = publishable(plc, slot);
+    const enum canopy_status status = plc->barred ? CANOPY_NOT_SAFE : publishable(plc, slot);
     if (status != CANOPY_OK)
         return status;
     plc->sequence = plc->sequence == UINT32_MAX ? 1 : plc->sequence + 1;  // 0 says that there is no envelope
@@ -202,6 +202,11 @@ void canopy_plc_withdraw(struct canopy_plc *plc) {
         }
         canopy_plc_unanswered(plc, &client->query);
     }
+}
+
+void canopy_plc_bar(struct canopy_plc *plc) {
+    plc->barred = true;
+    canopy_plc_withdraw(plc);
 }
 
 const struct canopy_envelope *canopy_plc_published(const struct canopy_plc *plc) {
