@@ -51,7 +51,7 @@ HOST_LIBS := -Wl,--as-needed -lmodbus -lgmp -ljansson -llzf -lm -pthread
 # ---------------------------------------------------------------------------------------------------------------------
 # What must be installed: checked quickly before anything of its kind is built, installed only when missing.
 
-SETUP_GROUPS := host test firmware emulator demo python lint coverage fuzz bench
+SETUP_GROUPS := host test firmware riscv emulator demo python lint coverage fuzz bench
 .PHONY: $(addprefix setup-,$(SETUP_GROUPS))
 $(addprefix setup-,$(SETUP_GROUPS)): setup-%:
 	@tools/setup $*
@@ -155,6 +155,16 @@ TEST_PROGRAMS += $(TEST)/modbus_peer $(HOST)/canopy-bench
 $(TEST)/modbus_peer: $(TEST)/gcc64/obj/hosttest/modbus_peer.o $(TEST)/gcc64/libcanopy.a
 	$(Q)gcc $(SANITIZE) $^ $(HOST_LIBS) -o $@
 
+# The conformance suite's program (hosttest/firmware/conformance.c) on the ports that run here: docs/conformance.md
+TEST_PROGRAMS += $(TEST)/conformance_linux $(TEST)/conformance_template
+CONFORMANCE := hosttest/firmware/conformance.c port/template/flash.c port/template/i2c.c
+$(TEST)/conformance_linux: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(CONFORMANCE) hosttest/conformance_linux.c) \
+    $(TEST)/gcc64/libport.a $(TEST)/gcc64/libcanopy.a
+	$(Q)gcc $(SANITIZE) $^ $(HOST_LIBS) -o $@
+$(TEST)/conformance_template: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(sort $(CONFORMANCE) port/common/crash_record.c $(wildcard port/template/*.c)) \
+    hosttest/conformance_stdio.c) $(TEST)/gcc64/libcanopy.a
+	$(Q)gcc $(SANITIZE) $^ -o $@
+
 .PHONY: test-programs test
 test-programs: $(TEST_PROGRAMS)
 test: test-programs tools all-firmware | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
@@ -173,16 +183,21 @@ FW_LINK := -nostartfiles -Llinker -Wl,--gc-sections -Wl,--fatal-warnings
 define image
 	$(if $(V),,@echo "link $@")
 	$(Q)$($(1)_LINK) -Wl,--defsym=canopy_stack_size=$(2) -Wl,-Map=$(@:.elf=.map) $(filter %.o,$^) $(filter %.a,$^) -lm -o $@
+	$(if $($(1)_FINISH),$(Q)$($(1)_FINISH) $@)
 endef
+
+# Of its ports a board takes every file, but board.c only of the first: the others' are for other boards.
+other_board = $(if $(filter $(1),$(firstword $(BOARD_PORTS))),,port/$(1)/board.c)
 
 # board_rules(board): after its board.mk has been read; every $(BOARD_...) is this board's
 define board_rules
 $(1)_LINK := $(BOARD_CROSS)gcc $(BOARD_CPU) $(BOARD_SPECS) $(FW_LINK) -Tlinker/$(BOARD_CHIP).ld
 $(1)_SETUP := setup-$(BOARD_SETUP)
+$(1)_FINISH := $(BOARD_FINISH)
 $(1)_PARTS := $(patsubst %.c,$(BUILD)/$(1)/obj/%.o,$(sort $(filter-out boards/$(1)/main.c,$(wildcard boards/$(1)/*.c)) \
-    $(foreach p,common $(BOARD_PORTS),$(wildcard port/$(p)/*.c))))
+    $(foreach p,common $(BOARD_PORTS),$(filter-out $(call other_board,$(p)),$(wildcard port/$(p)/*.c)))))
 $(1)_STATIONS := $(patsubst %,$(BUILD)/$(1)/%.elf,$(if $(wildcard boards/$(1)/main.c),canopy $(BOARD_GRIDS:%=canopy-%)))
-$(1)_UNITS := $(UNIT_NAMES:%=$(BUILD)/$(1)/%.elf)
+$(1)_UNITS := $(BOARD_UNITS:%=$(BUILD)/$(1)/%.elf)
 $(1)_OTHERS := $(BOARD_PROGRAMS:%=$(BUILD)/$(1)/%.elf)
 $(1)_FIRMWARE := $$($(1)_STATIONS) $$($(1)_UNITS) $$($(1)_OTHERS)
 
@@ -205,6 +220,8 @@ $$($(1)_OTHERS): $(BUILD)/$(1)/%.elf: $(BUILD)/$(1)/obj/hosttest/firmware/%.o $$
 endef
 
 define read_board
+BOARD_FINISH :=
+BOARD_UNITS := $(UNIT_NAMES)
 include boards/$(1)/board.mk
 $$(eval $$(call board_rules,$(1)))
 endef

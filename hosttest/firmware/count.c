@@ -3,7 +3,15 @@
 #include "port/board.h"
 
 // Two instructions a turn.
-static void turn(uint32_t turns) { __asm volatile("1:\tsubs %0, #1\n\tbne 1b" : "+r"(turns)::"cc"); }
+static void turn(uint32_t turns) {
+#if defined __arm__
+    __asm volatile(".syntax unified\n1:\tsubs %0, #1\n\tbne 1b" : "+r"(turns)::"cc");
+#elif defined __riscv
+    __asm volatile("1:\taddi %0, %0, -1\n\tbnez %0, 1b" : "+r"(turns));
+#else
+#error "a loop of two instructions a turn for this processor"
+#endif
+}
 
 static void count_turns(const char *name, uint32_t turns) {
     const uint64_t start = canopy_board_instructions();
