@@ -42,13 +42,16 @@ static void put_number(const char *name, uint32_t value) {
         canopy_board_put("0123456789abcdef"[(value >> shift) & 15u]);
 }
 
-_Noreturn void canopy_crash_record(const struct canopy_crash *crash) {
+void canopy_crash_keep(const struct canopy_crash *crash) {
     const uint32_t count = is_valid() ? kept.crash.count : 0;
     kept.magic = MAGIC;
     kept.crash = *crash;
     kept.crash.count = count + 1;
     kept.check = checksum();
+}
 
+_Noreturn void canopy_crash_record(const struct canopy_crash *crash) {
+    canopy_crash_keep(crash);
     put_number("\r\ncrash ", crash->kind);
     put_number(" pc ", crash->pc);
     put_number(" lr ", crash->lr);

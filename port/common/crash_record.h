@@ -9,7 +9,10 @@
 
 #include "lib/port.h"
 
-/// Keeps `crash` (but for its count, which is continued), prints `crash KIND pc X lr X status X address X` on the
+/// Keeps `crash` but for its count, which is continued: for a crash that is known only after the reset.
+void canopy_crash_keep(const struct canopy_crash *crash);
+
+/// Keeps `crash` like canopy_crash_keep, prints `crash KIND pc X lr X status X address X` on the
 /// board's console, all in hexadecimal, and ends as canopy_crash_end does (port/board.h). Needs no interrupt and about
 /// 100 bytes of stack.
 _Noreturn void canopy_crash_record(const struct canopy_crash *crash);

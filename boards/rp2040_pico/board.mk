@@ -1,0 +1,14 @@
+# What make must know of the board: compiler, processor, ports, memory map, stack.
+BOARD_SETUP := firmware
+BOARD_CROSS := arm-none-eabi-
+BOARD_CPU := -mcpu=cortex-m0plus -mthumb
+BOARD_SPECS := --specs=nano.specs
+BOARD_PORTS := rp2040 cortexm template
+BOARD_CHIP := rp2040
+BOARD_STACK := 3072
+# The station is built for 20 x 20 (canopy.elf) and for each of these grids (canopy-<grid>.elf).
+BOARD_GRIDS := 10x10
+# Of hosttest/firmware
+BOARD_PROGRAMS := count cycles query ray sandwich
+# What a linked image still needs: the CRC of its boot block; it leaves a .uf2 beside it.
+BOARD_FINISH := tools/uf2.py

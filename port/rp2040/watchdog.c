@@ -1,0 +1,74 @@
+#include "port/rp2040/watchdog.h"
+
+#include "port/board.h"
+#include "port/common/crash_record.h"
+#include "port/rp2040/registers.h"
+#include "port/rp2040/timer.h"
+
+#define STARTED 0x43414E57u  // in a scratch register, which a reset by the watchdog leaves: this program started it
+
+static uint32_t period;  // us; 0 until the start
+
+static void load(uint32_t us) { canopy_rp2040_put(RP2040_WATCHDOG_LOAD, 2u * us); }
+
+static void feed(void *context) {
+    (void)context;
+    if (period == 0)
+        return;
+    load(period);
+    canopy_rp2040_set_alarm(CANOPY_RP2040_WATCHDOG_ALARM, canopy_rp2040_now_us() + period - period / 8u);
+}
+
+static void warn(bool wanted) {
+    canopy_rp2040_put(RP2040_SYSCFG_NMI_MASK, wanted ? 1u << (RP2040_IRQ_TIMER + CANOPY_RP2040_WATCHDOG_ALARM) : 0);
+}
+
+// 2.13: everything but the oscillators, which run on so that the reason and the scratch registers stay true.
+static void choose_what_is_reset(void) {
+    canopy_rp2040_put(RP2040_PSM_WATCHDOG_SELECT, RP2040_PSM_ALL & ~RP2040_PSM_OSCILLATORS);
+}
+
+void canopy_rp2040_watchdog_look_back(void) {
+    const bool bitten = (canopy_rp2040_get(RP2040_WATCHDOG_REASON) & RP2040_WATCHDOG_REASON_TIMER) != 0 &&
+                        canopy_rp2040_get(RP2040_WATCHDOG_SCRATCH2) == STARTED;
+    canopy_rp2040_put(RP2040_WATCHDOG_SCRATCH2, 0);
+    if (bitten && canopy_board_last_crash() == NULL)
+        canopy_crash_keep(&(struct canopy_crash){.kind = CANOPY_CRASH_WATCHDOG});
+}
+
+bool canopy_rp2040_watchdog_start(uint32_t period_us) {
+    if (period_us < 1000u || period_us > CANOPY_RP2040_WATCHDOG_MOST_US)
+        return false;
+    canopy_rp2040_clear(RP2040_WATCHDOG_CTRL, RP2040_WATCHDOG_ENABLE);
+    choose_what_is_reset();
+    canopy_rp2040_put(RP2040_WATCHDOG_SCRATCH2, STARTED);
+    period = period_us;
+    feed(NULL);
+    warn(true);
+    canopy_rp2040_set(RP2040_WATCHDOG_CTRL, RP2040_WATCHDOG_ENABLE);
+    return true;
+}
+
+struct canopy_watchdog canopy_rp2040_watchdog(void) {
+    return (struct canopy_watchdog){.context = NULL, .feed = feed};
+}
+
+void canopy_rp2040_watchdog_hold(void) {
+    warn(false);
+    if (period != 0)
+        load(CANOPY_RP2040_WATCHDOG_MOST_US);
+}
+
+void canopy_rp2040_watchdog_resume(void) {
+    if (period == 0)
+        return;
+    feed(NULL);  // takes back a warning that came due meanwhile
+    warn(true);
+}
+
+_Noreturn void canopy_rp2040_reset(void) {
+    choose_what_is_reset();
+    canopy_rp2040_set(RP2040_WATCHDOG_CTRL, RP2040_WATCHDOG_TRIGGER);
+    for (;;)
+        ;
+}
