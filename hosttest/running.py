@@ -15,11 +15,11 @@ IMAGES = BUILD / "mps2_an385"
 class Emulator:
     """Lines 0 and 1 are the board's, 2 is its console."""
 
-    def __init__(self, image, scratch, board="mps2_an385"):
+    def __init__(self, image, scratch, board="mps2_an385", counting=False):
         self.scratch = scratch
         paths = [scratch / f"line{i}" for i in range(3)]
         command = emulator.argv(board, BUILD / board / image, [f"unix:{path},server=on,wait=on" for path in paths],
-                                monitor=f"unix:{scratch}/monitor,server=on,wait=off")
+                                counting, f"unix:{scratch}/monitor,server=on,wait=off")
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.lines = [self.connect(path) for path in paths]
 

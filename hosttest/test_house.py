@@ -176,7 +176,7 @@ def test_stack_refuses_recursion(tmp_path):
 
 
 def test_size_adds_up_to_the_sections():
-    image = BUILD / "mps2_an385/port.elf"
+    image = BUILD / "mps2_an385/conformance.elf"
     sections, owners = load(ROOT / "tools/size.py").read(image.with_suffix(".map"))
     table = subprocess.run(["arm-none-eabi-size", "-A", image], capture_output=True, text=True, check=True).stdout
     for row in table.splitlines():

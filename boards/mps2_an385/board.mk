@@ -9,6 +9,6 @@ BOARD_STACK := 2048
 # The station is built for 20 x 20 (canopy.elf) and for each of these grids (canopy-<grid>.elf).
 BOARD_GRIDS := 10x10
 # Of hosttest/firmware
-BOARD_PROGRAMS := belt count cycles port query ray sandwich
+BOARD_PROGRAMS := belt conformance count cycles query ray sandwich
 # image:flash:ram in bytes, RAM with the stack
 mps2_an385_BUDGETS := canopy:65536:40960 canopy-10x10:65536:16384

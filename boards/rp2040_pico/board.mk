@@ -9,6 +9,6 @@ BOARD_STACK := 3072
 # The station is built for 20 x 20 (canopy.elf) and for each of these grids (canopy-<grid>.elf).
 BOARD_GRIDS := 10x10
 # Of hosttest/firmware
-BOARD_PROGRAMS := count cycles query ray sandwich
+BOARD_PROGRAMS := conformance count cycles query ray sandwich
 # What a linked image still needs: the CRC of its boot block; it leaves a .uf2 beside it.
 BOARD_FINISH := tools/uf2.py

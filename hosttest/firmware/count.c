@@ -1,4 +1,4 @@
-// The instruction counter against loops whose length is known: hosttest/test_port_cortexm.py checks the numbers.
+// The instruction counter against loops whose length is known: hosttest/test_conformance.py checks the numbers.
 #include "hosttest/firmware/print.h"
 #include "port/board.h"
 

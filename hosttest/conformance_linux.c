@@ -1,0 +1,86 @@
+// port/board.h on port/linux, so that the conformance suite runs on a Linux process too: the clock and the serial lines
+// named in CANOPY_LINES, separated by blanks. A Linux port has no I2C and no watchdog behind port/board.h; a crash
+// is the kernel's business.
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "port/board.h"
+#include "port/linux/clock.h"
+#include "port/linux/serial.h"
+#include "port/template/flash.h"
+#include "port/template/i2c.h"
+
+static struct canopy_linux_serial line[CANOPY_BOARD_LINES];
+
+static void do_not_feed(void *context) { (void)context; }
+
+static void open_lines(const uint32_t *baud) {
+    const char *names = getenv("CANOPY_LINES");
+    char list[256];
+    snprintf(list, sizeof list, "%s", names != NULL ? names : "");
+    char *rest = list;
+    for (size_t i = 0; i < CANOPY_BOARD_LINES; i++) {
+        const struct canopy_linux_serial_config config = {
+            .device = strsep(&rest, " "), .baud = baud[i], .parity = 'N', .stop_bits = 1};
+        const char *wrong =
+            config.device == NULL ? "not given in CANOPY_LINES" : canopy_linux_serial_open(&line[i], &config);
+        if (wrong != NULL) {
+            fprintf(stderr, "line %zu: %s\n", i, wrong);
+            exit(2);
+        }
+    }
+}
+
+struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) {
+    open_lines(baud);
+    return (struct canopy_board){
+        .clock = canopy_linux_clock(),
+        .line = {canopy_linux_serial_stream(&line[0]), canopy_linux_serial_stream(&line[1])},
+        .line_count = CANOPY_BOARD_LINES,
+        .i2c = canopy_no_i2c(),
+        .flash = canopy_no_flash(),
+        .watchdog = {.feed = do_not_feed},
+    };
+}
+
+bool canopy_board_start_watchdog(uint32_t period_us) {
+    (void)period_us;
+    return false;
+}
+
+// What has come is seen by looking at the lines: no interrupt counts it.
+uint32_t canopy_board_activity(void) { return 0; }
+
+void canopy_board_sleep(uint64_t due_us, uint32_t seen) {
+    (void)seen;
+    const uint64_t now_us = canopy_linux_now_us();
+    if (due_us <= now_us) {
+        return;
+    }
+    const uint64_t us = due_us - now_us < 100000U ? due_us - now_us : 100000U;
+    const struct timespec time = {.tv_nsec = (long)us * 1000L};
+    struct pollfd fds[CANOPY_BOARD_LINES];
+    for (size_t i = 0; i < CANOPY_BOARD_LINES; i++) {
+        fds[i] = (struct pollfd){.fd = line[i].fd, .events = POLLIN};
+    }
+    (void)ppoll(fds, CANOPY_BOARD_LINES, &time, NULL);
+}
+
+void canopy_board_put(char character) { (void)!write(STDERR_FILENO, &character, 1); }
+
+const struct canopy_crash *canopy_board_last_crash(void) { return NULL; }
+void canopy_board_forget_crash(void) {}
+
+// The process begins anew with the same environment; the lines are given back, or it could not open them again.
+void canopy_board_reset(void) {
+    for (size_t i = 0; i < CANOPY_BOARD_LINES; i++) {
+        canopy_linux_serial_close(&line[i]);
+    }
+    char name[] = "/proc/self/exe";
+    execv(name, (char *[]){name, NULL});
+    _exit(1);
+}
