@@ -71,6 +71,12 @@ static double bernstein(const int32_t *c, uint32_t degree, double s) {
     return w[0];
 }
 
+// The nearest whole number. Not by floor(), which picolibc 1.8 has wrong: -134217727.5 becomes -134217664.
+static int32_t nearest(double x) {
+    const int32_t whole = (int32_t)(x + 0.5);
+    return whole - (whole > x + 0.5);
+}
+
 // Coefficients of size * product (s - zero[i]) * sign, by multiplying Bernstein forms.
 static void from_zeros(const double *zero, uint32_t degree, double size, int32_t *c) {
     double p[CANOPY_ROOT_DEGREE_MAX + 1] = {1};
@@ -84,7 +90,7 @@ static void from_zeros(const double *zero, uint32_t degree, double size, int32_t
         memcpy(p, q, sizeof p);
     }
     for (uint32_t k = 0; k <= degree; k++) {
-        c[k] = (int32_t)floor(p[k] * size + 0.5);
+        c[k] = nearest(p[k] * size);
     }
 }
 
