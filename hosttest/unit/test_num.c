@@ -26,6 +26,42 @@ UNIT(divisions_round_their_way) {
     }
 }
 
+UNIT(divisions_without_a_sign_round_up) {
+    for (uint64_t b = 1; b < 20; b++) {
+        for (uint64_t a = 0; a <= 300; a++) {
+            const uint64_t up = canopy_div_up(a, b);
+            CHECK(up * b >= a && up * b < a + b);
+        }
+    }
+    CHECK_EQ((int64_t)canopy_div_up((uint64_t)1 << 62, 3), (int64_t)(((uint64_t)1 << 62) / 3 + 1));
+}
+
+// Against the compiler's own, on every pair of numbers near a power of two and of many between.
+UNIT(products_by_digits_are_exact) {
+    int32_t numbers[33 * 4 + 64];
+    size_t count = 0;
+    for (unsigned k = 0; k < 33; k++) {
+        const uint32_t power = (uint32_t)((uint64_t)1 << k);
+        for (uint32_t beside = 0; beside < 3; beside++) {
+            numbers[count++] = (int32_t)(power + beside - 1);
+        }
+        numbers[count++] = (int32_t)(0U - power);
+    }
+    for (uint32_t x = 12345; count < sizeof numbers / sizeof numbers[0]; count++) {
+        x = x * 1664525U + 1013904223U;
+        numbers[count] = (int32_t)x;
+    }
+    for (size_t i = 0; i < count; i++) {
+        for (size_t j = 0; j < count; j++) {
+            const int32_t a = numbers[i], b = numbers[j];
+            CHECK(canopy_product_by_digits(a, b) == (int64_t)a * b && canopy_wide(a, b) == (int64_t)a * b);
+            const uint32_t high = (uint32_t)((uint64_t)(uint32_t)a * (uint32_t)b >> 32);
+            CHECK(canopy_product_high_by_digits((uint32_t)a, (uint32_t)b) == high);
+            CHECK(canopy_product_high((uint32_t)a, (uint32_t)b) == high);
+        }
+    }
+}
+
 UNIT(saturation_is_a_flag) {
     bool lost = false;
     CHECK_EQ(canopy_narrow(INT32_MAX, &lost), INT32_MAX);
@@ -149,6 +185,7 @@ UNIT(band_says_when_a_value_does_not_fit) {
     CHECK(!canopy_band_solve_fx(rows, 3));
 }
 
-UNIT_LIST(num, shifts_round_their_way, divisions_round_their_way, saturation_is_a_flag, log2_is_exact,
-          band_solves_in_float, band_solves_in_fixed_point, band_says_when_it_is_close_to_singular,
-          band_says_when_an_entry_does_not_fit, band_says_when_a_value_does_not_fit)
+UNIT_LIST(num, shifts_round_their_way, divisions_round_their_way, divisions_without_a_sign_round_up,
+          products_by_digits_are_exact, saturation_is_a_flag, log2_is_exact, band_solves_in_float,
+          band_solves_in_fixed_point, band_says_when_it_is_close_to_singular, band_says_when_an_entry_does_not_fit,
+          band_says_when_a_value_does_not_fit)

@@ -4,11 +4,12 @@
 
 #include "lib/cover/field.h"
 #include "lib/inline.h"
+#include "lib/num/product.h"
 
 /// The cell of an offset of up to `extent` quanta; the far edge may give one too many. The product with the reciprocal,
 /// which was rounded down, is the quotient or one less; the remainder tells. exact: every cell edge is a whole quantum.
 CANOPY_INLINE uint32_t canopy_cell_of(const struct canopy_field_axis *axis, uint32_t offset, bool exact) {
-    const uint32_t cell = (uint32_t)(((uint64_t)offset * axis->reciprocal) >> 32);
+    const uint32_t cell = canopy_product_high(offset, axis->reciprocal);
     if (exact) {
         return cell + (offset - cell * axis->cell >= axis->cell);
     }

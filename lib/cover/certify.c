@@ -6,13 +6,12 @@
 
 // Q30 weights at s = k/q: s to nearest, the cubes rounded up because what they multiply is never positive.
 static void make_weights(int32_t *table, uint16_t q) {
-    const int64_t cube = 6 * (int64_t)q * q * q;
+    const uint32_t cube = 6U * q * q * q;
     int32_t *s = table, *left = s + q + 1, *right = left + q + 1;
-    for (int64_t k = 0; k <= q; k++) {
-        const int64_t r = q - k;
-        s[k] = (int32_t)((k * CANOPY_AXIS_ONE + q / 2) / q);
-        left[k] = (int32_t)canopy_div_ceil(r * r * r * CANOPY_AXIS_ONE, cube);
-        right[k] = (int32_t)canopy_div_ceil(k * k * k * CANOPY_AXIS_ONE, cube);
+    for (uint32_t k = 0; k <= q; k++) {
+        s[k] = (int32_t)((((uint64_t)k << 30) + q / 2U) / q);
+        right[k] = (int32_t)canopy_div_up((uint64_t)(k * k * k) << 30, cube);
+        left[q - k] = right[k];
     }
 }
 

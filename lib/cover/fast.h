@@ -48,20 +48,20 @@ enum canopy_fast_stage {
 
 struct canopy_fast {
     const struct canopy_field *field;
-    struct canopy_line line;
-    struct canopy_free free;
     const struct canopy_line_fit *fit;
     uint8_t stage;           ///< enum canopy_fast_stage
+    bool begun;              // whether the line or column in work has begun …
     uint16_t lines;          ///< lines a knot interval of u; divides the field's cells
+    uint32_t index;          // … and which it is
     int32_t *g;              // coefficients of the lines, (lines (m-1) + 1) x n
     uint8_t *held;           // one bit for each of them, each line from a new byte on
     int32_t *result;         // one line's coefficients
     int32_t *b;              // the caller's coefficients
-    uint32_t index;          // the line or column in work …
-    bool begun;              // … and whether it has begun
     int32_t floor, ceiling;  // coefficients beyond these have exploded: one range beyond the field's
     uint32_t solves;         ///< banded solves of this fit so far
     uint32_t unsettled;      ///< lines and columns that did not end by themselves and were lifted
+    struct canopy_line line;
+    struct canopy_free free;
 };
 
 /// Prepares fits of `field`, which stays where it is and is read at every step. `lines` must divide its cells along u.

@@ -54,13 +54,13 @@ struct canopy_field_heights {
 };
 
 struct canopy_field {
-    struct canopy_frame frame;
-    struct canopy_field_axis axis[2];
-    struct canopy_field_heights z;
+    bool exact;        ///< every cell edge is a whole quantum
     int32_t *heights;  ///< axis[0].count x axis[1].count, row (u) order; NULL in a packed field
     uint8_t *codes;    ///< packed: the same of their codes (packed.h), else NULL
     int32_t *tops;     ///< packed: of the knot cells, row order; CANOPY_NO_HEIGHT without data
-    bool exact;        ///< every cell edge is a whole quantum
+    struct canopy_field_heights z;
+    struct canopy_field_axis axis[2];
+    struct canopy_frame frame;
 };
 
 /// What a point did to the field.

@@ -65,7 +65,7 @@ int32_t canopy_line_lift(int32_t *b, uint16_t n, uint16_t q, const int32_t *node
             const int64_t bound = canopy_bound_exact(b, h, left, right, (uint32_t)k, q);
             const int64_t missing = one * nodes[vertices[at]] - bound;
             if (missing > 0) {
-                const int32_t by = (int32_t)canopy_div_ceil(missing, one);
+                const int32_t by = (int32_t)canopy_div_up((uint64_t)missing, (uint64_t)one);
                 raise(b, n, h - (k < q), h + 1 + (k > 0), by);
                 most = by > most ? by : most;
                 left = canopy_bend(b, n, h);

@@ -90,17 +90,17 @@ struct canopy_modbus_rtu_awaited {
 /// About 350 bytes. Everything in it is private; the counters may be read. Not thread-safe.
 struct canopy_modbus_rtu_server {
     struct canopy_modbus_rtu_server_config config;
+    uint8_t mark_count;
+    uint8_t state;
+    uint16_t have;          // bytes collected, or length of the reply
+    uint16_t sent;          // bytes of the reply that are gone
+    uint16_t burst;         // where the last burst starts
     uint64_t last_us;       // when the last byte came or went
     uint32_t character_q8;  // time of a character, us * 256
     uint32_t rx_frames;     ///< valid requests to this unit or to all; monotonic
     uint32_t rx_errors;     ///< times that received bytes were dropped because they were no frames; monotonic
-    uint16_t have;          // bytes collected, or length of the reply
-    uint16_t sent;          // bytes of the reply that are gone
-    uint16_t burst;         // where the last burst starts
-    uint16_t marks[CANOPY_MODBUS_RTU_MARKS];  // earlier bursts, oldest first
     struct canopy_modbus_rtu_awaited awaited;
-    uint8_t mark_count;
-    uint8_t state;
+    uint16_t marks[CANOPY_MODBUS_RTU_MARKS];  // earlier bursts, oldest first
     uint8_t buffer[CANOPY_MODBUS_RTU_ADU_MAX];
 };
 
@@ -151,17 +151,17 @@ struct canopy_modbus_rtu_client_config {
 /// About 330 bytes. Private but for the counters. Not thread-safe.
 struct canopy_modbus_rtu_client {
     struct canopy_modbus_rtu_client_config config;
+    uint8_t unit;
+    uint8_t state;
+    uint16_t have;  // bytes of the request, then of the response
+    uint16_t sent;
+    uint16_t burst;  // where the last burst starts
     struct canopy_modbus_expected expected;
     uint64_t last_us;  // when the last byte came or went
     uint64_t deadline_us;
     uint32_t character_q8;  // time of a character, us * 256
     uint32_t rx_frames;     ///< responses that answered a request, exceptions included; monotonic
     uint32_t rx_errors;     ///< dropped: wrong CRC, wrong unit, wrong shape, late; monotonic
-    uint16_t have;          // bytes of the request, then of the response
-    uint16_t sent;
-    uint16_t burst;  // where the last burst starts
-    uint8_t unit;
-    uint8_t state;
     uint8_t buffer[CANOPY_MODBUS_RTU_ADU_MAX];
 };
 

@@ -12,8 +12,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/// Exact product of two 32-bit numbers.
-static inline int64_t canopy_wide(int32_t a, int32_t b) { return (int64_t)a * b; }
+#include "lib/num/product.h"
 
 /// floor(a / 2^shift), shift 0 to 62.
 static inline int64_t canopy_shift_floor(int64_t a, unsigned shift) {
@@ -35,6 +34,9 @@ static inline int32_t canopy_narrow(int64_t a, bool *saturated) {
     *saturated = true;
     return a < 0 ? INT32_MIN : INT32_MAX;
 }
+
+/// ceil(a / b) of what has no sign; a + b below 2^64.
+static inline uint64_t canopy_div_up(uint64_t a, uint64_t b) { return (a + b - 1) / b; }
 
 /// ceil(a / b) for b > 0.
 static inline int64_t canopy_div_ceil(int64_t a, int64_t b) {

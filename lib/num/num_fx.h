@@ -23,7 +23,9 @@ typedef int64_t acc;
 #define NUM_VAL_BITS 22  // heights are scaled to at most 2^22: nine bits of room for what elimination adds
 
 /// p / q for 0 <= p <= q <= 2^17.
-static inline num num_ratio(int32_t p, int32_t q) { return (num)(((int64_t)p * NUM_ONE + q / 2) / q); }
+static inline num num_ratio(int32_t p, int32_t q) {
+    return (num)((((uint64_t)(uint32_t)p << 24) + (uint32_t)q / 2) / (uint32_t)q);
+}
 
 static inline num num_mul(num a, num b, bool *saturated) { return canopy_narrow(canopy_wide(a, b) >> 24, saturated); }
 

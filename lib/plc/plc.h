@@ -100,6 +100,9 @@ struct canopy_plc_client {
 
 /// All members are the object's own, but `keeper`.
 struct canopy_plc {
+    uint8_t slot_count;
+    uint8_t published, writing;  ///< slots, or CANOPY_PLC_NO_SLOT
+    bool barred;
     struct canopy_plc_config config;
     struct canopy_plc_keeper *keeper;  ///< set after init, or NULL: health reads 0, there are no settings
     struct canopy_plc_client *clients;
@@ -108,9 +111,6 @@ struct canopy_plc {
     uint32_t capacity;  ///< coefficients in a slot
     uint32_t sequence;  ///< of the last publication, 0 before the first
     uint32_t publications, withdrawals, commands;
-    uint8_t slot_count;
-    uint8_t published, writing;  ///< slots, or CANOPY_PLC_NO_SLOT
-    bool barred;
 };
 
 // One bit a block; neither coverage nor changes have more blocks than coefficients have.

@@ -278,14 +278,14 @@ static int64_t height_at(const struct canopy_profile_driver *driver, uint16_t co
 // |height| <= 2^32 and z_step <= 2^30, so nothing here leaves 64 bits.
 static void place(const struct canopy_profile_driver *driver, uint16_t column, int64_t height,
                   struct canopy_reading *to) {
-    const int64_t divisor = driver->table->z_divisor > 1 ? driver->table->z_divisor : 1;
+    const uint32_t divisor = driver->table->z_divisor > 1 ? (uint32_t)driver->table->z_divisor : 1;
     const int64_t x = driver->x_start + (int64_t)column * driver->x_step;
     int64_t z = height * driver->z_step;
     uint32_t inexact = 0;
     if (divisor > 1) {
-        const int64_t quotient = z / divisor, rest = z % divisor;
-        z = quotient - (rest < 0);  // floor: C truncates towards zero
-        inexact = rest != 0;
+        const uint64_t size = z < 0 ? -(uint64_t)z : (uint64_t)z, quotient = size / divisor;
+        inexact = size != quotient * divisor;
+        z = z < 0 ? -(int64_t)quotient - (int64_t)inexact : (int64_t)quotient;  // the floor
     }
     z += driver->z_offset;
     if (x < INT32_MIN || x > INT32_MAX || z < INT32_MIN || z > INT32_MAX - (int64_t)inexact) {

@@ -135,29 +135,29 @@ struct canopy_profile_config {
 /// All members are the driver's own.
 struct canopy_profile_driver {
     const struct canopy_profile_table *table;
-    uint16_t *raw;                  ///< heights and trailer of the profile being read
-    struct canopy_profile profile;  ///< the one being read, or held
-    struct canopy_profile_scene scene;
-    struct canopy_profile_counters counters;
-    uint64_t fresh_us;       ///< when the last profile was delivered or the last stale limit passed
-    uint64_t standstill_us;  ///< when `candidate` was first seen
-    uint64_t begin_us;       ///< when the header of the profile being read came
-    uint64_t in_step_us;     ///< until then a profile that stood already is passed over
-    uint32_t passed;         ///< namely this one
-    uint32_t last_sequence;  ///< of the last delivered profile
-    uint32_t candidate;      ///< an older sequence number that may mean a restart
-    uint32_t description_id;
-    uint32_t uncertainty;
-    int32_t x_start, x_step, z_offset, z_step;
-    uint16_t capacity;       ///< columns the arena holds
-    uint16_t promised;       ///< valid readings the header promised
-    uint16_t filled, total;  ///< registers of `raw`: there, and wanted
-    uint16_t previous;       ///< length of the last block of this profile
-    struct canopy_profile_request request;
+    uint16_t *raw;  ///< heights and trailer of the profile being read
     uint8_t unit;
     uint8_t phase;
     uint8_t attempts;
     bool scene_known, started, have_candidate, eager, waited, asked, stale, out_of_step, passing;
+    uint16_t capacity;       ///< columns the arena holds
+    uint16_t promised;       ///< valid readings the header promised
+    uint16_t filled, total;  ///< registers of `raw`: there, and wanted
+    uint16_t previous;       ///< length of the last block of this profile
+    int32_t x_start, x_step, z_offset, z_step;
+    uint32_t uncertainty;
+    uint32_t description_id;
+    uint32_t passed;         ///< a profile that stood already, passed over …
+    uint32_t last_sequence;  ///< of the last delivered profile
+    uint32_t candidate;      ///< an older sequence number that may mean a restart
+    struct canopy_profile_request request;
+    struct canopy_profile profile;  ///< the one being read, or held
+    uint64_t fresh_us;              ///< when the last profile was delivered or the last stale limit passed
+    uint64_t standstill_us;         ///< when `candidate` was first seen
+    uint64_t begin_us;              ///< when the header of the profile being read came
+    uint64_t in_step_us;            ///< … until then
+    struct canopy_profile_scene scene;
+    struct canopy_profile_counters counters;
 };
 
 /// Makes a driver that has read nothing. `arena`: at least CANOPY_PROFILE_ARENA(config->columns, words of a height)

@@ -38,7 +38,8 @@ static inline void around(const int32_t *b, uint32_t size, size_t stride, uint32
 
 // sum w[i] c[i] for weights that sum to `one`, taken from c[1] so that the products stay small.
 static inline int32_t mix(const int32_t c[4], const int32_t w[4]) {
-    const int64_t rise = (int64_t)(c[0] - c[1]) * w[0] + (int64_t)(c[2] - c[1]) * w[2] + (int64_t)(c[3] - c[1]) * w[3];
+    const int64_t rise =
+        canopy_wide(c[0] - c[1], w[0]) + canopy_wide(c[2] - c[1], w[2]) + canopy_wide(c[3] - c[1], w[3]);
     return (int32_t)canopy_shift_floor(rise, 30);
 }
 

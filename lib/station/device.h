@@ -53,14 +53,14 @@ struct canopy_device_config {
 
 /// Private but for the station, which may be looked at.
 struct canopy_device {
+    uint16_t column;  // of the profile being taken
+    bool asked;
+    bool bad;  // the scanner's last profile or description did not come or made no sense
     struct canopy_device_config config;
     struct canopy_station station;
     struct canopy_profile_driver driver;
     struct canopy_modbus_bank bank;
     struct canopy_modbus_rtu_server server;
-    uint16_t column;  // of the profile being taken
-    bool asked;
-    bool bad;  // the scanner's last profile or description did not come or made no sense
 };
 
 /// Makes a device that waits for its scanner. `arena`: CANOPY_DEVICE_ARENA bytes, aligned to 8, the device's as long as

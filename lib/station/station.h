@@ -110,39 +110,39 @@ enum canopy_station_spare_stage {
 
 /// All members are the station's own, but `port`, `scan`, `sensor_faults` and `spare`.
 struct canopy_station {
+    // small members first: a Cortex-M0+ reaches bytes up to 31, words up to 124, without a constant for the offset
+    uint8_t stage;        ///< enum canopy_station_stage
+    uint8_t spare_stage;  // enum canopy_station_spare_stage
+    bool turned;
+    bool have_reading;
+    bool risen;              // the field rose since the last fit began
+    bool intrusion;          // a reading lies beyond the published envelope …
+    bool beyond;             // … and beyond what any envelope of this frame can cover
+    bool handed;             // the candidate is what `spare` gave …
+    bool kept;               // … or what is published, to be certified for a field that rose
+    bool tightened;          // what is published came from `spare`
+    uint16_t sensor_faults;  ///< one bit a sensor: silent, stale or refused
+    uint16_t heartbeat;
+    uint16_t coverage_pct;
+    uint64_t start_us, now_us, reading_us, fit_us, publish_us;
+    uint32_t points;  ///< readings accepted since the scene began
+    uint32_t published_points;
+    uint32_t accepted, rejected, intrusions, fits_failed;
+    uint32_t scan_errors;  ///< set with `scan`
+    uint32_t late_count;
+    uint32_t late_at;                    // where settling goes on to look
+    uint8_t *risen_cells;                // one bit a cell that rose since the last publication
+    uint8_t *late_cells;                 // one bit a cell that rose since its row of the candidate was certified
+    int32_t *candidate;                  // coefficients being fitted and certified, in a slot of the PLC's
+    struct canopy_station_spare *spare;  ///< set before the first scene, or NULL
+    const struct canopy_profile_counters *scan;  ///< the scanner driver's, or NULL
+    struct canopy_station_port port;             ///< set by the port, any time
     struct canopy_station_config config;
+    void *field_arena, *fast_arena, *certify_arena;
     struct canopy_plc plc;
     struct canopy_field field;
     struct canopy_fast fast;
     struct canopy_certify certify;
-    bool turned;
-    uint8_t *risen_cells;  // one bit a cell that rose since the last publication
-    uint8_t *late_cells;   // one bit a cell that rose since its row of the candidate was certified
-    uint32_t late_count;
-    uint32_t late_at;  // where settling goes on to look
-    void *field_arena, *fast_arena, *certify_arena;
-    int32_t *candidate;  // coefficients being fitted and certified, in a slot of the PLC's
-    uint32_t points;     ///< readings accepted since the scene began
-    uint32_t published_points;
-    uint64_t start_us, now_us, reading_us, fit_us, publish_us;
-    uint8_t stage;  ///< enum canopy_station_stage
-    uint16_t heartbeat;
-    uint16_t coverage_pct;
-    bool have_reading;
-    bool risen;           // the field rose since the last fit began
-    bool intrusion;       // a reading lies beyond the published envelope …
-    bool beyond;          // … and beyond what any envelope of this frame can cover
-    uint8_t spare_stage;  // enum canopy_station_spare_stage
-    bool handed;          // the candidate is what `spare` gave …
-    bool kept;            // … or what is published, to be certified for a field that rose
-    bool tightened;       // what is published came from `spare`
-    uint32_t accepted, rejected, intrusions, fits_failed;
-
-    struct canopy_station_spare *spare;          ///< set before the first scene, or NULL
-    struct canopy_station_port port;             ///< set by the port, any time
-    const struct canopy_profile_counters *scan;  ///< the scanner driver's, or NULL
-    uint32_t scan_errors;                        ///< set with it
-    uint16_t sensor_faults;                      ///< one bit a sensor: silent, stale or refused
 };
 
 /// Makes a station that waits for a scene. `arena`: CANOPY_STATION_ARENA bytes, aligned to 8, the station's as long as
