@@ -249,6 +249,7 @@ struct i2c_registers {
     bool deaf;              ///< misses requests: what it answers is what it was asked before
     bool answers_again;     ///< gives the last answer, byte for byte, to whatever it is asked
     uint32_t falls_silent;  ///< drives nothing from this byte of an answer on
+    uint32_t skips_at;      ///< leaves this byte of an answer out
     // What happened
     uint32_t answered;  ///< answers that were read to the last byte of their check sum
     // Its own
@@ -257,6 +258,11 @@ struct i2c_registers {
     uint8_t answer[252];
     uint16_t length, at;
 };
+
+static inline void i2c_registers_be_well(struct i2c_registers *file) {
+    file->deaf = file->answers_again = false;
+    file->falls_silent = file->skips_at = I2C_NEVER;
+}
 
 // One bit after the other: shares nothing with the library's.
 static inline uint16_t i2c_registers_crc(uint16_t sum, uint8_t byte) {
@@ -315,7 +321,8 @@ static inline bool i2c_registers_write(void *context, uint8_t byte) {
 
 static inline uint8_t i2c_registers_read(void *context) {
     struct i2c_registers *file = context;
-    const uint16_t at = file->at++;
+    const uint32_t at = file->at + (file->at >= file->skips_at ? 1U : 0U);
+    file->at++;
     if (at >= file->length || at >= file->falls_silent)
         return 0xFF;
     file->answered += at + 1 == file->length;
@@ -339,7 +346,7 @@ static inline void i2c_registers_init(struct i2c_registers *file, uint8_t addres
                                      .stop = i2c_registers_stop};
     file->load = load;
     file->context = context;
-    file->falls_silent = I2C_NEVER;
+    i2c_registers_be_well(file);
 }
 
 #endif

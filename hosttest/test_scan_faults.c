@@ -1,9 +1,8 @@
 // The driver against the sweep through a bad channel: no faulted reading is ever delivered as a height.
 //
-// The scene is a lattice whose every height tells its place, so that a reading from another profile, another column or
-// a torn block cannot look right. The channel keeps the order of answers, as a serial line does, and is otherwise as
-// bad as can be: it loses, cuts and delays answers beyond the timeout, and the carrier never throws a late one away,
-// but takes whatever comes next for the answer.
+// The channel keeps the order of answers, as a serial line does, and is otherwise as bad as can be: it loses, cuts and
+// delays answers beyond the timeout, and the carrier never throws a late one away, but takes whatever comes next for the
+// answer.
 #include <inttypes.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -16,38 +15,14 @@
 
 #include <cmocka.h>
 
+#include "hosttest/lattice.h"
 #include "lib/scan/generic.h"
 #include "lib/scan/profile.h"
 #include "tools/common/random.h"
 #include "tools/common/sweep.h"
 
-#define COLUMNS_MOST 488
 #define FIFO 64
 #define TIMEOUT_US 100000
-
-static bool hole(int64_t column, int64_t profile) { return (column * 5 + profile * 3) % 17 == 0; }
-
-static int32_t height(int64_t column, int64_t profile) { return (int32_t)((profile * 977 + column * 61) % 60000); }
-
-struct scene {
-    char path[32];
-    uint32_t columns, profiles, valid;
-};
-
-static void make_scene(struct scene *scene, uint32_t columns, uint32_t profiles) {
-    *scene = (struct scene){.path = "/tmp/canopy-scan-XXXXXX", .columns = columns, .profiles = profiles};
-    const int file = mkstemp(scene->path);
-    assert_true(file >= 0);
-    FILE *out = fdopen(file, "w");
-    assert_non_null(out);
-    for (uint32_t p = 0; p < profiles; p++)
-        for (uint32_t c = 0; c < columns; c++)
-            if (!hole(c, p)) {
-                fprintf(out, "%u %u %" PRId32 "\n", c * 7, p * 3, height(c, p));
-                scene->valid++;
-            }
-    fclose(out);
-}
 
 // ---------------------------------------------------------------------------------------------------------------------
 
@@ -108,49 +83,33 @@ static enum canopy_scan_event receive(struct channel *channel, struct canopy_pro
 }
 
 struct tally {
-    uint64_t readings, wrong, profiles;
+    struct lattice_tally of;
     uint32_t torn, stale, shorts, missed, failures;
-    bool *seen;
 };
 
-static void check_profile(const struct scene *scene, const struct canopy_profile_driver *driver, struct tally *tally) {
-    const struct canopy_profile *profile = canopy_profile_get(driver);
-    assert_int_equal(profile->columns, scene->columns);
-    const int64_t p = profile->y / 3;
-    tally->profiles++;
-    assert_true(profile->y >= 0 && profile->y % 3 == 0 && p < scene->profiles);
-    tally->seen[p] = true;
-    for (uint16_t c = 0; c < profile->columns; c++) {
-        struct canopy_reading reading;
-        assert_true(canopy_profile_reading(driver, c, &reading));
-        tally->readings += reading.valid;
-        if (reading.valid)
-            tally->wrong += hole(c, p) || reading.x != 7 * c || reading.y != profile->y || reading.z != height(c, p);
-    }
-}
-
-static void run(const struct scene *scene, const struct canopy_sweep_options *options, struct channel *channel,
+static void run(const struct lattice *scene, const struct canopy_sweep_options *options, struct channel *channel,
                 unsigned profiles, FILE *log, struct tally *tally, struct canopy_sweep_status *status) {
-    static uint64_t arena[CANOPY_PROFILE_ARENA(COLUMNS_MOST, 1) / 8];
+    static uint64_t arena[CANOPY_PROFILE_ARENA(LATTICE_COLUMNS_MOST, 1) / 8];
     struct canopy_profile_driver driver;
     struct canopy_profile_request request;
     struct canopy_fault fault;
     struct canopy_sweep *sweep = canopy_sweep_open(scene->path, options, &fault);
     assert_non_null(sweep);
     canopy_sweep_log(sweep, log);
-    const struct canopy_profile_config config = {.table = &canopy_profile_generic, .unit = 1, .columns = COLUMNS_MOST};
+    const struct canopy_profile_config config = {
+        .table = &canopy_profile_generic, .unit = 1, .columns = LATTICE_COLUMNS_MOST};
     uint64_t now_us = 5;
     assert_int_equal(canopy_profile_init(&driver, &config, arena, sizeof arena, now_us), CANOPY_OK);
     const uint64_t limit_us =
         now_us + 48u * 3600u * UINT64_C(1000000);  // a lag that nobody flushes takes long to go away
-    while (tally->profiles < profiles && now_us < limit_us && !(canopy_sweep_status(sweep).over && driver.stale)) {
+    while (tally->of.profiles < profiles && now_us < limit_us && !(canopy_sweep_status(sweep).over && driver.stale)) {
         if (!canopy_profile_next(&driver, now_us, &request)) {
             now_us = request.due_us;
             continue;
         }
         send(channel, sweep, &request, now_us);
         if (receive(channel, &driver, &now_us) == CANOPY_SCAN_PROFILE) {
-            check_profile(scene, &driver, tally);
+            lattice_check(scene, &driver, &tally->of);
             canopy_profile_done(&driver);
         }
     }
@@ -161,36 +120,29 @@ static void run(const struct scene *scene, const struct canopy_sweep_options *op
     tally->missed += counters->missed;
     for (int i = 0; i < CANOPY_SCAN_FAILURES; i++)
         tally->failures += counters->failures[i];
-    assert_int_equal(counters->profiles, tally->profiles);
-    assert_int_equal(counters->readings, tally->readings);
+    assert_int_equal(counters->profiles, tally->of.profiles);
+    assert_int_equal(counters->readings, tally->of.readings);
     *status = canopy_sweep_status(sweep);
     canopy_sweep_close(sweep);
-}
-
-static unsigned seen_count(const struct scene *scene, const struct tally *tally) {
-    unsigned seen = 0;
-    for (uint32_t p = 0; p < scene->profiles; p++)
-        seen += tally->seen[p];
-    return seen;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
 
 static void a_good_channel_loses_nothing(void **state) {
     (void)state;
-    struct scene scene;
-    make_scene(&scene, 403, 60);
+    struct lattice scene;
+    lattice_make(&scene, 403, 60);
     struct channel channel = {.random = 1};
     const struct canopy_sweep_options options = {.unit = 1, .seed = 1};
-    struct tally tally = {.seen = calloc(scene.profiles, sizeof(bool))};
+    struct tally tally = {.of.seen = calloc(scene.profiles, sizeof(bool))};
     struct canopy_sweep_status status;
     run(&scene, &options, &channel, UINT32_MAX, NULL, &tally, &status);
-    assert_int_equal(tally.profiles, scene.profiles);
-    assert_int_equal(tally.readings, scene.valid);
+    assert_int_equal(tally.of.profiles, scene.profiles);
+    assert_int_equal(tally.of.readings, scene.valid);
     assert_int_equal(status.served, scene.valid);
     assert_int_equal(status.doubtful + status.missed, 0);
-    assert_int_equal(tally.wrong + tally.torn + tally.shorts + tally.missed + tally.failures, 0);
-    free(tally.seen);
+    assert_int_equal(tally.of.wrong + tally.torn + tally.shorts + tally.missed + tally.failures, 0);
+    free(tally.of.seen);
     unlink(scene.path);
 }
 
@@ -199,16 +151,16 @@ static void a_faulty_scanner_is_read_whole(void **state) {
     (void)state;
     uint64_t torn = 0, stale = 0, shorts = 0, lost = 0;
     for (uint64_t seed = 1; seed <= 20; seed++) {
-        struct scene scene;
-        make_scene(&scene, 260, 80);
+        struct lattice scene;
+        lattice_make(&scene, 260, 80);
         struct channel channel = {.random = seed};
         const struct canopy_sweep_options options = {
             .unit = 1, .seed = seed, .torn = 0.2, .stale = 0.2, .lost = 0.1, .short_of = 0.2, .sequence = 65500};
-        struct tally tally = {.seen = calloc(scene.profiles, sizeof(bool))};
+        struct tally tally = {.of.seen = calloc(scene.profiles, sizeof(bool))};
         struct canopy_sweep_status status;
         run(&scene, &options, &channel, UINT32_MAX, NULL, &tally, &status);
-        assert_int_equal(tally.wrong, 0);
-        assert_int_equal(tally.readings, scene.valid);
+        assert_int_equal(tally.of.wrong, 0);
+        assert_int_equal(tally.of.readings, scene.valid);
         assert_int_equal(status.served, scene.valid);
         assert_int_equal(tally.torn, status.torn);
         assert_int_equal(tally.shorts, status.short_of);
@@ -217,7 +169,7 @@ static void a_faulty_scanner_is_read_whole(void **state) {
         shorts += tally.shorts;
         stale += tally.stale;
         lost += tally.missed;
-        free(tally.seen);
+        free(tally.of.seen);
         unlink(scene.path);
     }
     assert_true(torn > 100 && shorts > 100 && stale > 50 && lost > 100);
@@ -228,10 +180,10 @@ static void nothing_wrong_comes_through_a_bad_channel(void **state) {
     (void)state;
     uint64_t readings = 0, failures = 0, torn = 0, missed = 0;
     for (uint64_t seed = 1; seed <= 60; seed++) {
-        struct scene scene;
+        struct lattice scene;
         uint64_t random = seed * 77;
-        const uint32_t columns = 4 + canopy_random_below(&random, COLUMNS_MOST - 4);
-        make_scene(&scene, columns, 50);
+        const uint32_t columns = 4 + canopy_random_below(&random, LATTICE_COLUMNS_MOST - 4);
+        lattice_make(&scene, columns, 50);
         struct channel channel = {.random = seed,
                                   .lost = 0.03 * canopy_random_unit(&random),
                                   .cut = 0.03 * canopy_random_unit(&random),
@@ -248,17 +200,17 @@ static void nothing_wrong_comes_through_a_bad_channel(void **state) {
                                                      .lost = 0.05,
                                                      .short_of = 0.05,
                                                      .dropouts = 0.02};
-        struct tally tally = {.seen = calloc(scene.profiles, sizeof(bool))};
+        struct tally tally = {.of.seen = calloc(scene.profiles, sizeof(bool))};
         struct canopy_sweep_status status;
         run(&scene, &options, &channel, 500, NULL, &tally, &status);
-        assert_int_equal(tally.wrong, 0);
-        assert_int_equal(tally.profiles, 500);
-        assert_int_equal(seen_count(&scene, &tally), 50);
-        readings += tally.readings;
+        assert_int_equal(tally.of.wrong, 0);
+        assert_int_equal(tally.of.profiles, 500);
+        assert_int_equal(lattice_seen(&scene, &tally.of), 50);
+        readings += tally.of.readings;
         failures += tally.failures;
         torn += tally.torn;
         missed += tally.missed;
-        free(tally.seen);
+        free(tally.of.seen);
         unlink(scene.path);
     }
     assert_true(readings > 3000000);
@@ -266,18 +218,18 @@ static void nothing_wrong_comes_through_a_bad_channel(void **state) {
 }
 
 // Every reading of the log is exactly one of the scene, once, and its profile was delivered.
-static void check_log(const struct scene *scene, FILE *log, const struct tally *tally, uint64_t served) {
+static void check_log(const struct lattice *scene, FILE *log, const struct tally *tally, uint64_t served) {
     bool *logged = calloc((size_t)scene->columns * scene->profiles, sizeof *logged);
     double x = 0, y = 0, z = 0;
     uint64_t lines = 0;
     rewind(log);
     while (fscanf(log, "%lf %lf %lf", &x, &y, &z) == 3) {
         const int64_t c = (int64_t)x / 7, p = (int64_t)y / 3;
-        assert_true(x == (double)(7 * c) && y == (double)(3 * p) && z == height(c, p) && !hole(c, p));
+        assert_true(x == (double)(7 * c) && y == (double)(3 * p) && z == lattice_height(c, p) && !lattice_hole(c, p));
         bool *cell = &logged[(size_t)p * scene->columns + (size_t)c];
         assert_false(*cell);
         *cell = true;
-        assert_true(tally->seen[p]);
+        assert_true(tally->of.seen[p]);
         lines++;
     }
     assert_int_equal(lines, served);
@@ -289,23 +241,23 @@ static void what_was_served_was_delivered(void **state) {
     (void)state;
     uint64_t doubtful = 0;
     for (uint64_t seed = 1; seed <= 60; seed++) {
-        struct scene scene;
-        make_scene(&scene, 200, 40);
+        struct lattice scene;
+        lattice_make(&scene, 200, 40);
         struct channel channel = {.random = seed, .lost = 0.05, .cut = 0.02, .broken = 0.05, .late = 0.03};
         const struct canopy_sweep_options options = {
             .unit = 1, .seed = seed, .torn = 0.1, .stale = 0.1, .rate_hz = seed % 4 == 0 ? 3 : 0};
-        struct tally tally = {.seen = calloc(scene.profiles, sizeof(bool))};
+        struct tally tally = {.of.seen = calloc(scene.profiles, sizeof(bool))};
         struct canopy_sweep_status status;
         FILE *log = tmpfile();
         assert_non_null(log);
         run(&scene, &options, &channel, UINT32_MAX, log, &tally, &status);
-        assert_int_equal(tally.wrong, 0);
+        assert_int_equal(tally.of.wrong, 0);
         assert_int_equal(status.served + status.doubtful + status.missed, scene.valid);
         assert_true(status.rounds == 1 && status.over);
         check_log(&scene, log, &tally, status.served);
         fclose(log);
         doubtful += status.doubtful;
-        free(tally.seen);
+        free(tally.of.seen);
         unlink(scene.path);
     }
     assert_true(doubtful > 0);

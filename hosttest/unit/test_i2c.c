@@ -320,8 +320,7 @@ UNIT(tables_and_buses_that_cannot_be_are_refused) {
 
 static void check_well_again(void) {
     i2c_bus_be_well(&bus);
-    file.deaf = file.answers_again = false;
-    file.falls_silent = I2C_NEVER;
+    i2c_registers_be_well(&file);
     check_right(300, 9);
 }
 
@@ -426,6 +425,15 @@ UNIT(an_answer_cut_at_every_byte_is_refused) {
     CHECK(refused >= 2 * ALL);
 }
 
+UNIT(an_answer_that_lacks_a_byte_is_refused) {
+    start();
+    for (uint32_t at = 0; at < 2 * ALL; at++) {
+        file.skips_at = at;
+        check_failed(69, ALL, CANOPY_SCAN_CRC);
+        check_well_again();
+    }
+}
+
 // Requests and answers alike: the device may be asked for something else than was meant.
 UNIT(a_turned_bit_anywhere_is_seen) {
     start();
@@ -482,5 +490,6 @@ UNIT_LIST(i2c, check_sums_have_their_check_values, the_generic_map_speaks_as_doc
           the_address_is_the_tables_or_another, tables_and_buses_that_cannot_be_are_refused,
           each_outcome_has_its_failure, a_bus_that_is_freed_by_clocks, a_bus_in_use_is_waited_for_but_not_for_ever,
           a_read_under_way_is_not_disturbed, a_refusal_or_a_halt_at_every_byte_is_told_as_what_it_is,
-          an_answer_cut_at_every_byte_is_refused, a_turned_bit_anywhere_is_seen, two_turned_bits_anywhere_are_seen,
-          a_stale_answer_is_refused_even_of_the_same_registers, a_bus_without_a_device_on_its_data_line_is_refused)
+          an_answer_cut_at_every_byte_is_refused, an_answer_that_lacks_a_byte_is_refused, a_turned_bit_anywhere_is_seen,
+          two_turned_bits_anywhere_are_seen, a_stale_answer_is_refused_even_of_the_same_registers,
+          a_bus_without_a_device_on_its_data_line_is_refused)
