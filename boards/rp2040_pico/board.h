@@ -14,6 +14,10 @@
 #define BOARD_UART1_SEND_PIN 8u
 #define BOARD_UART1_RECEIVE_PIN 9u
 
+// The scanner's bus.
+#define BOARD_I2C0_DATA_PIN 4u
+#define BOARD_I2C0_CLOCK_PIN 5u
+
 /// Each line's rings. Received: a whole Modbus frame, however long the loop is away. To be sent: what the wire takes in
 /// 10 ms, longer than the loop is away, so that a frame leaves without gaps.
 #define BOARD_RECEIVE_LENGTH 256u

@@ -1,9 +1,10 @@
 # What make must know of the board: compiler, processor, ports, memory map, stack.
 BOARD_SETUP := firmware
 BOARD_CROSS := arm-none-eabi-
-BOARD_CPU := -mcpu=cortex-m0plus -mthumb
+# The boot ROM is at address 0: no access to low addresses is a mistake for that.
+BOARD_CPU := -mcpu=cortex-m0plus -mthumb --param=min-pagesize=0
 BOARD_SPECS := --specs=nano.specs
-BOARD_PORTS := rp2040 cortexm template
+BOARD_PORTS := rp2040 cortexm
 BOARD_CHIP := rp2040
 BOARD_STACK := 3072
 # The station is built for 20 x 20 (canopy.elf) and for each of these grids (canopy-<grid>.elf).

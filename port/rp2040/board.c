@@ -7,18 +7,19 @@
 #include "port/cortexm/semihosting.h"
 #include "port/cortexm/startup.h"
 #include "port/rp2040/chip.h"
+#include "port/rp2040/dw_i2c.h"
+#include "port/rp2040/flash.h"
 #include "port/rp2040/pl011.h"
 #include "port/rp2040/registers.h"
 #include "port/rp2040/timer.h"
 #include "port/rp2040/watchdog.h"
-#include "port/template/flash.h"
-#include "port/template/i2c.h"
 
 // The alarms of the timer; the watchdog has its own.
 #define ALARM_SLEEP 0u
 #define ALARM_LINE0 2u
 #define ALARM_I2C 3u
 
+#define FLASH_START 0x10000000u
 #define CONSOLE_BAUD 115200u
 #define LONGEST_SLEEP_US 100000u
 #define PAD_OUTPUT (RP2040_PAD_4_MA | RP2040_PAD_INPUT)
@@ -27,7 +28,13 @@
 static struct canopy_pl011 uart[2];
 static uint8_t receive_ring[2][BOARD_RECEIVE_LENGTH];
 static uint8_t send_ring[2][BOARD_SEND_LENGTH];
+static struct canopy_dw_i2c i2c;
+static struct canopy_rp2040_flash flash;
+static uint32_t boot2[CANOPY_RP2040_BOOT2_WORDS];
 static bool chip_runs;
+
+// From the linker: the pages of flash behind the program's room, and how many there are.
+extern const uint8_t canopy_settings[], canopy_settings_pages[];
 
 static void on_uart0(void) {
     canopy_pl011_on_interrupt(&uart[0]);
@@ -46,6 +53,16 @@ static void on_sleep_alarm(void) {
 
 static void on_line0_alarm(void) {
     canopy_pl011_on_alarm(&uart[0]);
+    canopy_cortexm_note_activity();
+}
+
+static void on_i2c(void) {
+    if (canopy_dw_i2c_on_interrupt(&i2c))
+        canopy_cortexm_note_activity();
+}
+
+static void on_i2c_alarm(void) {
+    canopy_dw_i2c_on_alarm(&i2c);
     canopy_cortexm_note_activity();
 }
 
@@ -99,17 +116,35 @@ static void start_lines(const uint32_t baud[CANOPY_BOARD_LINES]) {
                                                                .send_length = BOARD_SEND_LENGTH});
 }
 
+static void start_i2c(void) {
+    canopy_dw_i2c_start(&i2c, &(struct canopy_dw_i2c_config){.base = RP2040_I2C0,
+                                                             .reset = RP2040_RESET_I2C0,
+                                                             .irq = RP2040_IRQ_I2C0,
+                                                             .clock_hz = CANOPY_RP2040_CLOCK_HZ,
+                                                             .data_pin = BOARD_I2C0_DATA_PIN,
+                                                             .clock_pin = BOARD_I2C0_CLOCK_PIN,
+                                                             .alarm = ALARM_I2C});
+}
+
+static void start_flash(void) {
+    const struct canopy_rp2040_flash_steps steps = canopy_rp2040_rom_steps(boot2);
+    canopy_rp2040_flash_start(&flash, &steps, canopy_settings, (uint32_t)(uintptr_t)canopy_settings - FLASH_START,
+                              (uint32_t)(uintptr_t)canopy_settings_pages);
+}
+
 struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) {
     if (!chip_runs)
         start_chip_and_console();
     canopy_rp2040_watchdog_look_back();
     canopy_core_enable_irq(RP2040_IRQ_TIMER + ALARM_SLEEP);
     start_lines(baud);
+    start_i2c();
+    start_flash();
     return (struct canopy_board){.clock = canopy_rp2040_clock(),
                                  .line = {canopy_pl011_stream(&uart[0]), canopy_pl011_stream(&uart[1])},
                                  .line_count = 2,
-                                 .i2c = canopy_no_i2c(),
-                                 .flash = canopy_no_flash(),
+                                 .i2c = canopy_dw_i2c(&i2c),
+                                 .flash = canopy_rp2040_flash(&flash),
                                  .watchdog = canopy_rp2040_watchdog()};
 }
 
@@ -158,9 +193,12 @@ __attribute__((section(".vectors"), used)) static const struct vectors vectors =
             IRQ(RP2040_IRQ_TIMER + ALARM_SLEEP) = on_sleep_alarm,
             IRQ(RP2040_IRQ_TIMER + CANOPY_RP2040_WATCHDOG_ALARM) = canopy_crash_entry,
             IRQ(RP2040_IRQ_TIMER + ALARM_LINE0) = on_line0_alarm,
-            [15 + ALARM_I2C... 15 + RP2040_IRQ_UART0 - 1] = canopy_crash_entry,
+            IRQ(RP2040_IRQ_TIMER + ALARM_I2C) = on_i2c_alarm,
+            [15 + RP2040_IRQ_TIMER + 4 ... 15 + RP2040_IRQ_UART0 - 1] = canopy_crash_entry,
             IRQ(RP2040_IRQ_UART0) = on_uart0,
             IRQ(RP2040_IRQ_UART1) = on_uart1,
-            [15 + RP2040_IRQ_UART1 + 1 ... 15 + 31] = canopy_crash_entry,
+            [15 + RP2040_IRQ_UART1 + 1 ... 15 + RP2040_IRQ_I2C0 - 1] = canopy_crash_entry,
+            IRQ(RP2040_IRQ_I2C0) = on_i2c,
+            [15 + RP2040_IRQ_I2C0 + 1 ... 15 + 31] = canopy_crash_entry,
         },
 };
