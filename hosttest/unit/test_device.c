@@ -1,8 +1,10 @@
 // A whole device, in virtual time: the test is the scanner, on a serial line or on I2C, and the PLC on its line.
+#include "hosttest/i2c_bus.h"
 #include "hosttest/unit/unit.h"
 #include "lib/modbus/rtu.h"
 #include "lib/plc/map.h"
 #include "lib/scan/generic.h"
+#include "lib/scan/i2c_link.h"
 #include "lib/station/device.h"
 #include "lib/station/rtu_link.h"
 
@@ -71,13 +73,16 @@ static struct canopy_stream stream_of(struct line *line) {
     return (struct canopy_stream){line, device_read, device_write, device_sent, device_lost};
 }
 
-// ---- The scanner: a generic map behind an RTU server
+// ---- The scanner: a generic map behind an RTU server or on I2C
 
 static struct {
     struct canopy_modbus_rtu_server server;
     uint16_t sequence;  // of the profile shown, from 1
     bool read_whole;
     bool silent;
+    bool loop;       // begins again after the last profile
+    bool stands;     // shows the same profile for ever
+    uint32_t magic;  // 0: the right one
     uint32_t spoil;  // replies to spoil, then none
 } scanner;
 
@@ -110,11 +115,11 @@ static uint32_t description(uint16_t at) {
         3000,
         0x3F000000u,  // half a millimetre a unit
     };
-    return words[at / 2];
+    return at < 2 && scanner.magic != 0 ? scanner.magic : words[at / 2];
 }
 
 static uint16_t profile_register(uint16_t at) {
-    const uint16_t profile = (uint16_t)(scanner.sequence - 1);
+    const uint16_t profile = (uint16_t)((scanner.sequence - 1) % PROFILES);
     const uint32_t y = 100u * profile;
     switch (at) {
     case CANOPY_GENERIC_P_SEQUENCE: return scanner.sequence;
@@ -128,23 +133,34 @@ static uint16_t profile_register(uint16_t at) {
     return column < COLUMNS ? height_of(profile, column) : scanner.sequence;
 }
 
-static uint8_t scanner_read(void *context, uint8_t client, uint16_t address, uint16_t count, uint8_t *to) {
-    (void)context, (void)client;
+static bool scanner_load(void *context, uint16_t address, uint16_t count, uint16_t *to) {
+    (void)context;
     const uint16_t end = CANOPY_GENERIC_HEIGHTS + COLUMNS + 1;
     if (address + count > end)
-        return CANOPY_MODBUS_ILLEGAL_ADDRESS;
-    if (address == CANOPY_GENERIC_PROFILE && scanner.read_whole && scanner.sequence < PROFILES) {
+        return false;
+    const bool more = !scanner.stands && (scanner.loop || scanner.sequence < PROFILES);
+    if (address == CANOPY_GENERIC_PROFILE && scanner.read_whole && more) {
         scanner.sequence++;
         scanner.read_whole = false;
     }
     for (uint16_t i = 0; i < count; i++) {
         const uint16_t at = (uint16_t)(address + i);
-        const uint16_t value = at < CANOPY_GENERIC_PROFILE ? (uint16_t)(description(at) >> (at % 2 == 0 ? 16 : 0))
-                                                           : profile_register((uint16_t)(at - CANOPY_GENERIC_PROFILE));
-        to[2 * i] = (uint8_t)(value >> 8);
-        to[2 * i + 1] = (uint8_t)value;
+        to[i] = at < CANOPY_GENERIC_PROFILE ? (uint16_t)(description(at) >> (at % 2 == 0 ? 16 : 0))
+                                            : profile_register((uint16_t)(at - CANOPY_GENERIC_PROFILE));
     }
     scanner.read_whole = scanner.read_whole || address + count == end;
+    return true;
+}
+
+static uint8_t scanner_read(void *context, uint8_t client, uint16_t address, uint16_t count, uint8_t *to) {
+    uint16_t registers[CANOPY_SCAN_READ_MAX];
+    (void)client;
+    if (!scanner_load(context, address, count, registers))
+        return CANOPY_MODBUS_ILLEGAL_ADDRESS;
+    for (uint16_t i = 0; i < count; i++) {
+        to[2 * i] = (uint8_t)(registers[i] >> 8);
+        to[2 * i + 1] = (uint8_t)registers[i];
+    }
     return 0;
 }
 
@@ -206,8 +222,8 @@ static void start_with(const struct canopy_device_config *config) {
         .bank = &scanner_bank, .unit = 4, .character_bits = 10, .baud = BAUD};
     const struct canopy_modbus_rtu_client_config client = {.character_bits = 10, .baud = BAUD, .timeout_us = 50000};
     scanner.sequence = 1;
-    scanner.read_whole = scanner.silent = false;
-    scanner.spoil = 0;
+    scanner.read_whole = scanner.silent = scanner.loop = scanner.stands = false;
+    scanner.spoil = scanner.magic = 0;
     due_us = 0;
     CHECK_EQ(canopy_modbus_rtu_server_init(&scanner.server, &server), CANOPY_OK);
     CHECK_EQ(canopy_modbus_rtu_client_init(&plc, &client, now_us), CANOPY_OK);
@@ -222,11 +238,32 @@ static void start(void) {
     start_with(&config);
 }
 
+// The same scanner on a bus of 400 kHz: four bytes in a tick.
+static struct i2c_bus bus;
+static struct i2c_registers on_bus;
+static struct canopy_i2c bus_port;
+static struct canopy_i2c_link i2c;
+
+static void start_on_i2c(void) {
+    now_us = 1000000;
+    i2c_bus_init(&bus);
+    bus.bytes_a_poll = 4;
+    i2c_registers_init(&on_bus, CANOPY_GENERIC_I2C_ADDRESS, scanner_load, NULL);
+    i2c_bus_add(&bus, &on_bus.slave);
+    bus_port = i2c_bus_port(&bus);
+    CHECK_EQ(canopy_i2c_link_init(&i2c, &bus_port, &canopy_profile_generic, 30000), CANOPY_OK);
+    struct canopy_device_config config = usual();
+    config.scanner.link = canopy_i2c_link(&i2c);
+    config.scanner.unit = 0;
+    start_with(&config);
+}
+
 // A tick of 100 us for all three; the device sleeps until bytes come or what it asked for is due.
 static void tick(void) {
     now_us += 100;
     run_scanner();
-    if (due_us <= now_us || scanner_line.to_device.have > 0 || plc_line.to_device.have > 0)
+    const bool interrupt = scanner_line.to_device.have > 0 || plc_line.to_device.have > 0 || bus.phase != I2C_BUS_IDLE;
+    if (due_us <= now_us || interrupt)
         due_us = canopy_device_step(&device);
 }
 
@@ -334,9 +371,136 @@ UNIT(a_line_that_takes_a_byte_at_a_time_is_enough) {
 UNIT(lost_bytes_are_shown) {
     start();
     plc_line.lost = 17;
+    scanner_line.lost = 5;
     run_for(10000);
     CHECK_EQ(device.station.port.lost_bytes, 17);
+    CHECK_EQ(device.station.port.scan.lost_bytes, 5);
+    CHECK_EQ(device.station.port.scan.recoveries, 0);
 }
+
+// ---- The scanner on I2C
+
+static uint16_t plc_status(void) {
+    uint16_t status;
+    (void)plc_read(STATUS, 1, &status);
+    return status;
+}
+
+// Every reading of the sweep, with its uncertainty, is under what is published.
+static void check_envelope(void) {
+    const struct canopy_envelope *envelope = canopy_plc_published(&device.station.plc);
+    CHECK(envelope != NULL);
+    const struct canopy_frame *frame = &envelope->frame;
+    CHECK(frame->lsb_log2 <= 0);
+    for (uint16_t p = 0; p < PROFILES; p++)
+        for (uint16_t c = 0; c < COLUMNS; c++) {
+            const int32_t x = -500 + 100 * c - frame->origin[0], y = 100 * p - frame->origin[1];
+            const int64_t z = (int64_t)height_of(p, c) + 5 - frame->origin[2];
+            int32_t low, high;
+            if (height_of(p, c) == CANOPY_GENERIC_INVALID)
+                continue;
+            CHECK_EQ(canopy_envelope_height(envelope, (uint32_t)x, (uint32_t)y, &low, &high), CANOPY_OK);
+            CHECK(z * (INT64_C(1) << -frame->lsb_log2) <= high);
+        }
+}
+
+UNIT(a_sweep_over_i2c_becomes_an_envelope) {
+    start_on_i2c();
+    run_for(900000);  // within the stale limit of the scanner, which does not begin again
+    CHECK_EQ(plc_read32(POINTS), all_valid());
+    CHECK_EQ(plc_status(), CANOPY_PLC_VALID);
+    CHECK_EQ(plc_read32(SCAN_ERRORS), 0);
+    CHECK_EQ(device.station.sensor_faults, 0);
+    check_envelope();
+}
+
+UNIT(nobody_on_the_bus_is_a_fault) {
+    start_on_i2c();
+    scanner.loop = true;
+    on_bus.slave.address = 0x30;
+    run_for(3000000);
+    CHECK_EQ(device.station.sensor_faults, 1);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_NAK] > 0);
+    CHECK_EQ(plc_read32(SEQUENCE), 0);
+    on_bus.slave.address = CANOPY_GENERIC_I2C_ADDRESS;
+    run_for(3000000);
+    CHECK_EQ(device.station.sensor_faults, 0);
+    CHECK(plc_read32(POINTS) >= all_valid());
+    check_envelope();
+}
+
+UNIT(a_held_bus_is_a_fault_until_it_is_free_and_recoveries_are_shown) {
+    start_on_i2c();
+    scanner.loop = true;
+    bus.held = true;
+    run_for(3000000);
+    CHECK_EQ(device.station.sensor_faults, 1);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_BUS] > 0);
+    CHECK(plc_read32(SCAN_ERRORS) > 0);
+    CHECK_EQ(device.station.port.scan.recoveries, 0);
+    i2c_bus_be_well(&bus);
+    bus.hung_clocks = 4;
+    run_for(3000000);
+    CHECK_EQ(device.station.port.scan.recoveries, 1);
+    CHECK_EQ(device.station.sensor_faults, 0);
+    CHECK(plc_read32(POINTS) >= all_valid());
+    check_envelope();
+}
+
+UNIT(another_device_at_the_address_is_refused) {
+    start_on_i2c();
+    scanner.magic = 0x12345678;
+    run_for(3000000);
+    CHECK_EQ(device.station.sensor_faults, 1);
+    CHECK(device.driver.counters.refused > 0);
+    CHECK_EQ(plc_read32(SEQUENCE), 0);
+    CHECK_EQ(plc_status() & CANOPY_PLC_VALID, 0);
+}
+
+UNIT(a_scanner_that_repeats_its_profile_becomes_stale) {
+    start_on_i2c();
+    run_for(500000);
+    CHECK_EQ(plc_status(), CANOPY_PLC_VALID);
+    scanner.stands = true;
+    run_for(5000000);
+    CHECK_EQ(device.station.sensor_faults, 1);
+    CHECK(device.driver.counters.stale > 0);
+    CHECK_EQ(plc_status() & (CANOPY_PLC_VALID | CANOPY_PLC_STALE), CANOPY_PLC_STALE);
+    check_envelope();  // it is readable, and says what it is worth
+}
+
+// A fault of random kind and place in every other transfer, for as long as it takes to see everything three times.
+UNIT(the_envelope_is_right_over_a_bad_bus) {
+    start_on_i2c();
+    scanner.loop = true;
+    uint32_t random = 1;
+    for (int i = 0; i < 4000 || device.station.points < 3 * all_valid(); i++) {
+        CHECK(i < 100000);
+        random = random * 1664525u + 1013904223u;
+        const uint32_t at = (random >> 8) % 70;
+        i2c_bus_be_well(&bus);
+        switch (random >> 29) {
+        case 0: bus.flip_at = (random >> 8) % (8 * 70); break;
+        case 1: bus.nak_at = at % 6; break;
+        case 2: bus.stretch_at = at; break;
+        case 3: bus.hung_clocks = (uint16_t)(at % 20); break;
+        default: break;
+        }
+        run_for(1000);
+        CHECK_EQ(device.station.rejected, 0);
+        CHECK(device.station.field.frame.size[0] == 0 || device.station.points <= device.driver.counters.readings);
+    }
+    i2c_bus_be_well(&bus);
+    run_for(1000000);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_CRC] > 20);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_NAK] > 20);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_TIMEOUT] > 20);
+    CHECK_EQ(plc_status(), CANOPY_PLC_VALID);
+    CHECK_EQ(device.station.sensor_faults, 0);
+    check_envelope();
+}
+
+// ---- Configurations
 
 UNIT(a_scanner_without_scene_gets_the_configured_frame) {
     struct canopy_device_config config = usual();
@@ -368,5 +532,8 @@ UNIT(bad_configurations_are_refused) {
 
 UNIT_LIST(device, a_sweep_becomes_an_envelope, the_plc_is_answered_at_its_silence,
           a_silent_scanner_is_a_fault_and_the_plc_is_answered, spoiled_answers_are_counted_and_read_again,
-          a_line_that_takes_a_byte_at_a_time_is_enough, lost_bytes_are_shown,
-          a_scanner_without_scene_gets_the_configured_frame, bad_configurations_are_refused)
+          a_line_that_takes_a_byte_at_a_time_is_enough, lost_bytes_are_shown, a_sweep_over_i2c_becomes_an_envelope,
+          nobody_on_the_bus_is_a_fault, a_held_bus_is_a_fault_until_it_is_free_and_recoveries_are_shown,
+          another_device_at_the_address_is_refused, a_scanner_that_repeats_its_profile_becomes_stale,
+          the_envelope_is_right_over_a_bad_bus, a_scanner_without_scene_gets_the_configured_frame,
+          bad_configurations_are_refused)
