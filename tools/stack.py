@@ -4,10 +4,11 @@
 Usage: tools/stack.py --calls tools/calls.txt [--json FILE] IMAGE.elf...
 
 Frames and calls come from the .ci files that GCC leaves beside the objects (-fcallgraph-info=su); which objects are in an
-image says the linker's map beside it. Functions without one (the C library's, assembly) are read from the disassembly. Calls through pointers are resolved by the table of
---calls; one that the table does not know is an error, and so are recursion and frames of unknown size. From reset the
-deepest path is followed; on top of it come one interrupt (all have one priority, so they do not nest) and the fault or
-watchdog exception, each with what the processor pushes. The exit status is 1 when a stack does not fit the linker's.
+image says the linker's map beside it. Functions without one (the C library's, assembly) are read from the disassembly.
+Calls through pointers are resolved by the table of --calls; one that the table does not know is an error, and so are
+recursion and frames of unknown size. From reset the deepest path is followed; on top of it come one interrupt (all have
+one priority, so they do not nest) and the fault or watchdog exception, each with what the processor pushes. The exit
+status is 1 when a stack does not fit the linker's.
 """
 
 import argparse
@@ -18,8 +19,62 @@ import sys
 from functools import lru_cache
 from pathlib import Path
 
-EXCEPTION_BYTES = 36  # eight words and one to align
-TOOLS = "arm-none-eabi-"
+class Arm:
+    """What an image of a Cortex-M looks like, disassembled."""
+
+    TOOLS = "arm-none-eabi-"
+    PUSHED = 36  # by the processor at an exception: eight words and one to align
+    PUSH = re.compile(r"\t(?:push|stmdb\s+sp!,|push\.w)\s*\{(.*?)\}")
+    GROW = (re.compile(r"\tsub(?:\.w|w)?\tsp, (?:sp, )?#(\d+)"), re.compile(r"\tstr(?:d)?(?:\.w)?\t.*\[sp, #-(\d+)\]!"))
+    POINTER = re.compile(r"\tblx\t(?:r\d+|ip|lr)")
+    JUMP = re.compile(r"\t(?:blx?|b(?:eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?)(?:\.[nw])?\t[0-9a-f]+ <([^>+]+)>")
+
+    @staticmethod
+    def grows(row):
+        """Bytes that an instruction takes from the stack."""
+        push = Arm.PUSH.search(row)
+        pushed = 4 * sum(registers(part) for part in push.group(1).split(",")) if push else 0
+        return pushed + sum(int(found.group(1)) for pattern in Arm.GROW if (found := pattern.search(row)))
+
+    @staticmethod
+    def entries(image):
+        """What can interrupt, without reset, from the vector table: [(label, functions, whether the deepest of them
+        with all they call, or their own frames one upon the other)]."""
+        dump = image.run("objdump", "-s", "-j", ".text", f"--start-address={image.symbols['vectors']:#x}",
+                         f"--stop-address={image.symbols['vectors'] + 4 * 48:#x}", str(image.path))
+        words = []
+        for row in dump.splitlines():
+            found = re.match(r"^ [0-9a-f]+((?: [0-9a-f]{8}){1,4})", row)
+            if found:
+                words += [int.from_bytes(bytes.fromhex(word), "little") for word in found.group(1).split()]
+        names = [min(image.by_address.get(word & ~1, {"?"})) for word in words]
+        return [("interrupt", set(names[15:]) - {"?"}, True), ("fault or watchdog", set(names[2:15]) - {"?"}, True)]
+
+
+class RiscV:
+    """What an image for RV32 looks like. There the entry pushes, not the processor; one entry is for everything."""
+
+    TOOLS = "riscv64-unknown-elf-"
+    PUSHED = 0
+    GROW = re.compile(r"\tadd(?:i|i16sp)?\tsp,sp,-(\d+)")
+    POINTER = re.compile(r"\t(?:jalr|jr)\t(?!.*<)")
+    JUMP = re.compile(r"\t(?:j|jal|call|tail|jalr|jr|b\w+)\t.*<([^>+]+)>")
+
+    @staticmethod
+    def grows(row):
+        found = RiscV.GROW.search(row)
+        return int(found.group(1)) if found else 0
+
+    @staticmethod
+    def entries(image):
+        """An interrupt that ends as a crash is the entry's deepest path; a fault may come on top of it, and on that a
+        character for a debugger that is not there."""
+        record, take = "port/riscv/trap.c:record_crash", "port/riscv/trap.c:take_trap"
+        return [("interrupt", {"canopy_trap_entry"}, True), ("fault", {record}, True),
+                ("breakpoint of semihosting", {"canopy_trap_entry", take}, False)]
+
+
+MACHINES = {40: Arm, 243: RiscV}  # e_machine of the ELF header
 
 
 class Problem(Exception):
@@ -63,7 +118,7 @@ class Table:
     """tools/calls.txt: what a call through a pointer may reach."""
 
     def __init__(self, path):
-        self.calls, self.asm, self.used = [], {}, set()
+        self.calls, self.asm, self.outside, self.used = [], {}, {}, set()
         for number, line in enumerate(path.read_text().splitlines(), 1):
             words = line.split("#")[0].split()
             if not words:
@@ -73,8 +128,11 @@ class Table:
                 self.calls.append((where, name, words[3:]))
             elif len(words) >= 4 and words[0] == "asm" and words[2] == "->":
                 self.asm[words[1]] = words[3:]
+            elif len(words) == 3 and words[0] == "outside" and words[2].isdecimal():
+                self.outside[words[1]] = int(words[2])
             else:
-                raise Problem(f"{path}:{number}: not 'call [file:]name -> function...' or 'asm function -> function...'")
+                raise Problem(f"{path}:{number}: not 'call [file:]name -> function...', 'asm function -> function...' or "
+                              "'outside function bytes'")
 
     def targets(self, place):
         """Functions that the call at file:line:column may reach."""
@@ -110,6 +168,7 @@ class Image:
 
     def __init__(self, path):
         self.path = path
+        self.machine = MACHINES[int.from_bytes(path.read_bytes()[18:20], "little")]
         self.symbols, self.by_address = {}, {}
         for row in self.run("nm", str(path)).splitlines():
             words = row.split()
@@ -118,21 +177,8 @@ class Image:
                 if words[1] in "tTwW":
                     self.by_address.setdefault(int(words[0], 16) & ~1, set()).add(words[2])
 
-    @staticmethod
-    def run(tool, *arguments):
-        return subprocess.run([TOOLS + tool, *arguments], check=True, capture_output=True, text=True).stdout
-
-    def vectors(self):
-        """Names of the handlers in the vector table, without reset: (exceptions, interrupts)."""
-        dump = self.run("objdump", "-s", "-j", ".text", f"--start-address={self.symbols['vectors']:#x}",
-                        f"--stop-address={self.symbols['vectors'] + 4 * 48:#x}", str(self.path))
-        words = []
-        for row in dump.splitlines():
-            found = re.match(r"^ [0-9a-f]+((?: [0-9a-f]{8}){1,4})", row)
-            if found:
-                words += [int.from_bytes(bytes.fromhex(word), "little") for word in found.group(1).split()]
-        names = [sorted(self.by_address.get(word & ~1, {"?"})) for word in words]
-        return {n for group in names[2:15] for n in group[:1]}, {n for group in names[15:] for n in group[:1]}
+    def run(self, tool, *arguments):
+        return subprocess.run([self.machine.TOOLS + tool, *arguments], check=True, capture_output=True, text=True).stdout
 
     @lru_cache(None)
     def disassembled(self):
@@ -153,18 +199,11 @@ class Image:
         aliases = self.by_address.get(self.symbols.get(name, -1) & ~1, set())
         return next((functions[alias] for alias in [name, *sorted(aliases)] if alias in functions), None)
 
-    @staticmethod
-    def take(function, name, row):
-        push = re.search(r"\t(?:push|stmdb\s+sp!,|push\.w)\s*\{(.*?)\}", row)
-        if push:
-            function[0] += 4 * sum(registers(part) for part in push.group(1).split(","))
-        for pattern in (r"\tsub(?:\.w|w)?\tsp, (?:sp, )?#(\d+)", r"\tstr(?:d)?(?:\.w)?\t.*\[sp, #-(\d+)\]!"):
-            found = re.search(pattern, row)
-            if found:
-                function[0] += int(found.group(1))
-        if re.search(r"\tblx\t(r\d+|ip|lr)", row):
+    def take(self, function, name, row):
+        function[0] += self.machine.grows(row)
+        if self.machine.POINTER.search(row):
             function[1].add("a pointer")
-        jump = re.search(r"\t(?:blx?|b(?:eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?)(?:\.[nw])?\t[0-9a-f]+ <([^>+]+)>", row)
+        jump = self.machine.JUMP.search(row)
         if jump and jump.group(1) != name:
             function[1].add(jump.group(1))
 
@@ -196,6 +235,8 @@ class Stack:
         return titles[0] if titles else name
 
     def frame_and_calls(self, title):
+        if title in self.table.outside:
+            return self.table.outside[title], set()
         if title not in self.graph.frames:
             found = self.image.instructions(title.split(":")[-1])
             if found is None:
@@ -207,13 +248,17 @@ class Stack:
         calls = set(self.graph.edges.get(title, ()))
         for place in self.graph.pointers.get(title, ()):
             calls |= {self.resolve(name) for name in self.table.targets(place)}
-        return self.graph.frames[title], calls | {self.resolve(name) for name in self.table.asm.get(title, ())}
+        if title not in self.table.asm:
+            return self.graph.frames[title], calls
+        # The compiler does not see what assembly pushes
+        pushed = self.image.instructions(title.split(":")[-1])[0]
+        return max(self.graph.frames[title], pushed), calls | {self.resolve(name) for name in self.table.asm[title]}
 
     def is_linked(self, title):
         """Targets of the table that are not in this image cannot be reached. Inlined ones have no symbol and no caller."""
         if ":" in title and title not in self.graph.frames:
             return False  # of a file that is not linked, whatever else has that name
-        return title.split(":")[-1] in self.image.symbols
+        return title in self.table.outside or title.split(":")[-1] in self.image.symbols
 
     def deepest(self, title):
         """(bytes, path) of the deepest chain of calls from a function, its own frame included."""
@@ -236,12 +281,14 @@ def report(path, table):
     if graph.problems:
         raise Problem("\n".join(graph.problems))
     stack = Stack(image, graph, table)
-    exceptions, interrupts = image.vectors()
     parts = [("program", 0, stack.deepest(stack.resolve("canopy_reset")))]
-    for label, names in (("interrupt", interrupts), ("fault or watchdog", exceptions)):
-        found = [stack.deepest(stack.resolve(name)) for name in sorted(names - {"?"})]
-        if found:
-            parts.append((label, EXCEPTION_BYTES, max(found, key=lambda item: item[0])))
+    for label, names, deep in image.machine.entries(image):
+        titles = [stack.resolve(name) for name in sorted(names)]
+        if titles and deep:
+            parts.append((label, image.machine.PUSHED, max((stack.deepest(title) for title in titles), key=lambda one: one[0])))
+        elif titles:
+            frames = [(title, stack.frame_and_calls(title)[0]) for title in titles]
+            parts.append((label, image.machine.PUSHED, (sum(size for _, size in frames), frames)))
     worst = sum(pushed + found[0] for _, pushed, found in parts)
     room = image.symbols["canopy_stack_size"]
     print(f"{path.stem}: worst-case stack {worst} of {room} bytes, {room - worst} to spare")
