@@ -573,9 +573,9 @@ static const struct {
     {"set_side", 0, 1},
     {"set_scanner_baud", 1200, 921600},
     {"set_scanner_timeout_ms", 10, 10000},
-    {"set_stale_after_ms", 100, 3600000},
-    {"set_interval_ms", 0, 3600000},
-    {"set_refresh_ms", 0, 3600000},
+    {"set_stale_after_ms", 10, 4000000},
+    {"set_interval_ms", 0, 4000000},
+    {"set_refresh_ms", 0, 4000000},
     {"set_watchdog_ms", 1000, 8000},
 };
 
