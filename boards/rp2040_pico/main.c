@@ -1,8 +1,7 @@
-// The station on the board: the PLC on UART 0 (RS-485), the scanner on UART 1, both RTU 115200 8N1.
+// The station on the board: a profile scanner on I2C 0 (400 kHz), the PLC on UART 0, RTU over RS-485, 115200 8N1.
 #include "lib/scan/generic.h"
+#include "lib/scan/i2c_link.h"
 #include "lib/station/device.h"
-#include "lib/station/rtu_link.h"
-#include "lib/station/turning.h"
 #include "lib/version.h"
 #include "port/board.h"
 
@@ -15,15 +14,14 @@
 #define COLUMNS 512  // readings a profile, at most
 #define WORDS 1      // registers a height of the generic scanner
 #define BAUD 115200
-#define SCANNER_UNIT 1
 #define OUR_UNIT 1
-#define TIMEOUT_US 500000    // of a request to the scanner: longer than any answer takes
-#define WATCHDOG_US 2000000  // a cycle takes 10 ms at most; an emulator's busy host may hold one up
+#define TRANSFER_US 50000    // the longest takes 6 ms, and the scanner may hold the clock for some
+#define WATCHDOG_US 2000000  // a cycle takes 20 ms at most, and half a second when it writes the flash
 
 static CANOPY_ARENA_DECLARE(arena, CANOPY_DEVICE_ARENA(STATION_GRID_M, STATION_GRID_N, CELLS, LINES, COLUMNS, WORDS));
+static struct canopy_board board;
 static struct canopy_device device;
-static struct canopy_rtu_link scanner;
-static struct canopy_station_turned turned;
+static struct canopy_i2c_link scanner;
 
 static void say(const char *text) {
     while (*text != '\0')
@@ -39,20 +37,13 @@ static void introduce(void) {
 }
 
 int main(void) {
-    const struct canopy_board board = canopy_board_start((const uint32_t[]){BAUD, BAUD});
+    board = canopy_board_start((const uint32_t[]){BAUD, BAUD});
     introduce();
-    canopy_station_turned_init(&turned);
-    const struct canopy_rtu_link_config line = {
-        .clock = board.clock, .stream = board.line[1], .baud = BAUD, .character_bits = 10, .timeout_us = TIMEOUT_US};
     const struct canopy_device_config config = {
         .clock = board.clock,
-        .scanner = {.link = canopy_rtu_link(&scanner),
-                    .table = &canopy_profile_generic,
-                    .columns = COLUMNS,
-                    .unit = SCANNER_UNIT},
+        .scanner = {.link = canopy_i2c_link(&scanner), .table = &canopy_profile_generic, .columns = COLUMNS},
         .plc = {.stream = board.line[0], .baud = BAUD, .character_bits = 10, .unit = OUR_UNIT},
         .station = {.grid = {.size = {STATION_GRID_M, STATION_GRID_N}, .cells = CELLS, .side = CANOPY_ABOVE},
-                    .turning = &turned.part,
                     .fit = &canopy_line_fit_fx,
                     .lines = LINES,
                     .clients = 1,
@@ -63,7 +54,7 @@ int main(void) {
         .readings = 32,
         .budget = 1,
     };
-    if (canopy_rtu_link_init(&scanner, &line) != CANOPY_OK ||
+    if (canopy_i2c_link_init(&scanner, &board.i2c, &canopy_profile_generic, TRANSFER_US) != CANOPY_OK ||
         canopy_device_init(&device, &config, arena, sizeof arena) != CANOPY_OK)
         return 1;  // ends in a crash that says where
     (void)canopy_board_start_watchdog(WATCHDOG_US);
