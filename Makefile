@@ -51,7 +51,7 @@ HOST_LIBS := -Wl,--as-needed -lmodbus -lgmp -ljansson -llzf -lm -pthread
 # ---------------------------------------------------------------------------------------------------------------------
 # What must be installed: checked quickly before anything of its kind is built, installed only when missing.
 
-SETUP_GROUPS := host test firmware riscv emulator demo python lint coverage fuzz bench
+SETUP_GROUPS := host test firmware riscv emulator node demo python lint coverage fuzz bench
 .PHONY: $(addprefix setup-,$(SETUP_GROUPS))
 $(addprefix setup-,$(SETUP_GROUPS)): setup-%:
 	@tools/setup $*
@@ -167,7 +167,7 @@ $(TEST)/conformance_template: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(sort $(CONF
 
 .PHONY: test-programs test
 test-programs: $(TEST_PROGRAMS)
-test: test-programs tools all-firmware | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
+test: test-programs tools all-firmware $(NODE) | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
 	@BUILD=$(BUILD) hosttest/run
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -238,6 +238,14 @@ firmware: $(FIRMWARE)  ## images for BOARD (default mps2_an385): build/<board>/*
 	$(if $(FIRMWARE),,@echo "firmware: BOARD=$(BOARD) has none")
 all-firmware: $(ALL_FIRMWARE)  ## images for every board
 
+# The RP2040's emulator comes from npm, into $(BUILD) and nowhere else
+NODE := $(BUILD)/node/node_modules/.package-lock.json
+$(NODE): tools/rp2040/package.json tools/rp2040/package-lock.json | setup-node
+	@mkdir -p $(@D)
+	@cp $^ $(BUILD)/node
+	@cd $(BUILD)/node && npm ci --ignore-scripts --no-audit --no-fund --no-update-notifier --loglevel=error --cache=cache
+	@touch $@
+
 .PHONY: size stack
 size: $(MEASURED)  ## flash and RAM of the images, by section and by object, against the board's budgets
 	@$(PYTHON) tools/size.py $(if $(filter mps2_an385,$(MEASURED_BOARDS)),$(mps2_an385_BUDGETS:%=--budget %)) $(MEASURED:.elf=.map)
@@ -248,7 +256,7 @@ stack: $(MEASURED)  ## worst-case stack of the station's images, from the call g
 # Whole runs: scripts of tools/ that take what has been built
 
 .PHONY: demo pictures bench
-demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
+demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) $(if $(filter rp2040_pico,$(BOARD)),$(NODE)) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
 pictures: tools | setup-demo  ## draw the README's pictures anew: build/pictures/*.png; docs/pictures has copies
 	@BUILD=$(BUILD) tools/readme_pictures.sh $(BUILD)/pictures

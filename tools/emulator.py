@@ -7,6 +7,9 @@ A serial is "null", "stdio" or "unix:PATH,server=on,wait=on" (on QEMU's boards a
 the emulator itself by canopy_board_exit (port/board.h): exit status 0 if it was good.
 """
 
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
 QUIET = ["-display", "none", "-monitor"]
 SEMIHOSTING = ["-semihosting-config", "enable=on,target=native"]
 
@@ -31,11 +34,20 @@ def virt(image, serials, counting, monitor):
             *(["-icount", "shift=0"] if counting else []), "-kernel", str(image)]
 
 
+def rp2040(image, serials, counting, monitor):
+    """Debian's QEMU has no RP2040: npm's rp2040js and tools/rp2040. Its console is line 1 as well."""
+    lines = [word for serial in serials for word in ("--serial", serial)]
+    modules = Path(image).resolve().parent.parent / "node"
+    return ["env", f"CANOPY_NODE={modules}", "node", str(HERE / "rp2040" / "run.mjs"), str(image), *lines,
+            "--monitor", monitor, *(["--count"] if counting else [])]
+
+
 BOARDS = {
     "mps2_an385": qemu("qemu-system-arm", "mps2-an385"),
     "mps2_an386": qemu("qemu-system-arm", "mps2-an386"),
     "mps2_an500": qemu("qemu-system-arm", "mps2-an500"),
     "riscv_virt": virt,
+    "rp2040_pico": rp2040,
 }
 
 CONSOLE_ONLY = ("null", "null", "stdio")
