@@ -596,6 +596,7 @@ UNIT(every_failure_at_every_request_is_survived) {
                     CHECK(canopy_profile_get(&driver) == NULL);
                 }
                 CHECK_EQ(canopy_profile_counters(&driver)->failures[failure], times);
+                CHECK_EQ(canopy_profile_counters(&driver)->last_failure, 1 + failure);
                 CHECK_EQ(canopy_profile_counters(&driver)->dropped, times / (retries + 1));
                 CHECK_EQ(canopy_profile_errors(&driver), times);
                 while (canopy_profile_get(&driver) == NULL)

@@ -518,7 +518,9 @@ enum canopy_scan_event canopy_profile_failed(struct canopy_profile_driver *drive
     }
     const uint64_t later = now_us + driver->table->retry_us;
     driver->asked = false;
-    driver->counters.failures[failure < CANOPY_SCAN_FAILURES ? failure : CANOPY_SCAN_LINK]++;
+    const enum canopy_scan_failure reason = failure < CANOPY_SCAN_FAILURES ? failure : CANOPY_SCAN_LINK;
+    driver->counters.failures[reason]++;
+    driver->counters.last_failure = reason + 1U;
     if (driver->attempts < driver->table->retries) {
         driver->attempts++;
         driver->request.due_us = later;

@@ -124,6 +124,8 @@ struct canopy_profile_counters {
     uint32_t dropped;     ///< reads given up after all repetitions
     uint32_t unexpected;  ///< answers nobody had asked for; ignored
     uint32_t failures[CANOPY_SCAN_FAILURES];  ///< failed reads, by reason
+    uint32_t
+        last_failure;  ///< no counter: the reason of the last one, 1 + enum canopy_scan_failure; 0: none has failed
 };
 
 struct canopy_profile_config {
