@@ -21,7 +21,7 @@ endif
 # ---------------------------------------------------------------------------------------------------------------------
 # Sources, by place
 
-LIB_SOURCES := $(sort $(wildcard lib/*/*.c))
+LIB_SOURCES := $(sort $(wildcard lib/*.c lib/*/*.c))
 TOOL_SHARED := $(sort $(wildcard tools/common/*.c))
 TOOL_DIRS := $(sort $(filter-out common bench tightness,$(notdir $(patsubst %/,%,$(dir $(wildcard tools/*/*.c))))))
 PORT_LINUX := $(sort $(wildcard port/linux/*.c))

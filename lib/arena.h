@@ -22,25 +22,9 @@ struct canopy_arena {
 
 /// Begins to cut `arena`, of which `needed` bytes are going to be taken.
 /// CANOPY_ARENA_ALIGN, CANOPY_ARENA_SHORT, or CANOPY_OK: every piece up to `needed` bytes is then sure.
-static inline enum canopy_status canopy_arena_open(struct canopy_arena *cut, void *arena, size_t bytes, size_t needed) {
-    if (arena == NULL || ((uintptr_t)arena & 7U) != 0) {
-        return CANOPY_ARENA_ALIGN;
-    }
-    if (bytes < needed) {
-        return CANOPY_ARENA_SHORT;
-    }
-    cut->next = (unsigned char *)arena;
-    cut->left = bytes;
-    return CANOPY_OK;
-}
+enum canopy_status canopy_arena_open(struct canopy_arena *cut, void *arena, size_t bytes, size_t needed);
 
 /// The next piece. The caller has asked canopy_arena_open for at least the sum of all pieces, each rounded up.
-static inline void *canopy_arena_take(struct canopy_arena *cut, size_t bytes) {
-    const size_t rounded = CANOPY_ARENA_ROUND(bytes);
-    void *piece = cut->next;
-    cut->next += rounded;
-    cut->left -= rounded;
-    return piece;
-}
+void *canopy_arena_take(struct canopy_arena *cut, size_t bytes);
 
 #endif

@@ -156,6 +156,7 @@ UNIT(drivers_are_found_by_name) {
     unsigned count = 0;
     while (canopy_profile_at(count) != NULL) {
         CHECK(canopy_profile_find(canopy_profile_at(count)->name) == canopy_profile_at(count));
+        CHECK(canopy_scan_table_ok(canopy_profile_at(count)));  // what canopy_profile_init_known relies on
         count++;
     }
     CHECK(count >= 1);

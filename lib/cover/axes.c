@@ -149,9 +149,11 @@ bool canopy_axes_are_sound(const int32_t axes[3][3]) {
 }
 
 bool canopy_axes_are_straight(const int32_t axes[3][3]) {
-    for (int i = 0; i < 9; i++) {
-        if (axes[i / 3][i % 3] != (i % 4 == 0 ? CANOPY_AXIS_ONE : 0)) {
-            return false;
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) {
+            if (axes[i][k] != (i == k ? CANOPY_AXIS_ONE : 0)) {
+                return false;
+            }
         }
     }
     return true;

@@ -17,27 +17,38 @@ static void make_weights(int32_t *table, uint16_t q) {
 
 enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
                                        size_t bytes) {
+    const uint16_t cu = field->axis[0].cells, cv = field->axis[1].cells;
+    const size_t tables = CANOPY_CERTIFY_TABLES(cu, cv);
+    struct canopy_arena cut;
+    const enum canopy_status status =
+        canopy_arena_open(&cut, arena, bytes, tables + CANOPY_CERTIFY_WORK(field->frame.size[1], cv));
+    return status == CANOPY_OK ? canopy_certify_init_apart(certify, field, cut.next, cut.next + tables) : status;
+}
+
+enum canopy_status canopy_certify_init_apart(struct canopy_certify *certify, const struct canopy_field *field,
+                                             void *tables, void *work) {
     if (!field->exact) {
         return CANOPY_ARGUMENT;
     }
-    const uint16_t n = field->frame.size[1];
-    const uint16_t cu = field->axis[0].cells, cv = field->axis[1].cells;
-    struct canopy_arena cut;
-    const enum canopy_status status = canopy_arena_open(&cut, arena, bytes, CANOPY_CERTIFY_ARENA(n, cu, cv));
-    if (status != CANOPY_OK) {
-        return status;
-    }
+    const uint16_t n = field->frame.size[1], cu = field->axis[0].cells, cv = field->axis[1].cells;
     *certify = (struct canopy_certify){.field = field};
-    certify->column = canopy_arena_take(&cut, 4U * n);
-    certify->low = canopy_arena_take(&cut, 4 * CANOPY_LINE_NODES(n, cv));
-    certify->high = canopy_arena_take(&cut, 4 * CANOPY_LINE_NODES(n, cv));
+    struct canopy_arena cut = {tables, SIZE_MAX};
     for (int a = 0; a < 2; a++) {
         const uint16_t q = field->axis[a].cells;
+        if (a == 1 && cu == cv) {
+            certify->weights[1] = certify->weights[0];
+            certify->lattice[1] = certify->lattice[0];
+            break;
+        }
         certify->weights[a] = canopy_arena_take(&cut, 12 * (q + 1U));
         make_weights(certify->weights[a], q);
         certify->lattice[a] = canopy_arena_take(&cut, 12U * CANOPY_BEZIER_LATTICE(q));
         canopy_bezier_weights(certify->lattice[a], q);
     }
+    cut = (struct canopy_arena){work, SIZE_MAX};
+    certify->column = canopy_arena_take(&cut, 4U * n);
+    certify->low = canopy_arena_take(&cut, 4 * CANOPY_LINE_NODES(n, cv));
+    certify->high = canopy_arena_take(&cut, 4 * CANOPY_LINE_NODES(n, cv));
     return CANOPY_OK;
 }
 

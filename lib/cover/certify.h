@@ -28,11 +28,14 @@
 #include "lib/status.h"
 
 /// Bytes of arena to certify coefficients, n along v, on a field of cu x cv cells a knot interval.
-#define CANOPY_CERTIFY_ARENA(n, cu, cv)                                                                                \
-    (CANOPY_ARENA_ROUND(4U * (size_t)(n)) + 2U * CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(n, cv)) +                   \
-     CANOPY_ARENA_ROUND(12U * ((size_t)(cu) + 1U)) + CANOPY_ARENA_ROUND(12U * ((size_t)(cv) + 1U)) +                   \
-     CANOPY_ARENA_ROUND(12U * CANOPY_BEZIER_LATTICE((size_t)(cu))) +                                                   \
-     CANOPY_ARENA_ROUND(12U * CANOPY_BEZIER_LATTICE((size_t)(cv))))
+#define CANOPY_CERTIFY_ARENA(n, cu, cv) (CANOPY_CERTIFY_TABLES(cu, cv) + CANOPY_CERTIFY_WORK(n, cv))
+/// … of which tables, the same for both directions where these have the same cells, …
+#define CANOPY_CERTIFY_TABLES(cu, cv) (CANOPY_CERTIFY_TABLE(cu) + ((cu) != (cv) ? CANOPY_CERTIFY_TABLE(cv) : 0U))
+#define CANOPY_CERTIFY_TABLE(q)                                                                                        \
+    (CANOPY_ARENA_ROUND(12U * ((size_t)(q) + 1U)) + CANOPY_ARENA_ROUND(12U * CANOPY_BEZIER_LATTICE((size_t)(q))))
+/// … and what a step writes and nobody reads after it.
+#define CANOPY_CERTIFY_WORK(n, cv)                                                                                     \
+    (CANOPY_ARENA_ROUND(4U * (size_t)(n)) + 2U * CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(n, cv)))
 
 struct canopy_certify {
     const struct canopy_field *field;
@@ -51,6 +54,11 @@ struct canopy_certify {
 /// CANOPY_CERTIFY_ARENA bytes, aligned to 8 (else CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN), as long as it is used.
 enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
                                        size_t bytes);
+
+/// The same in two pieces of CANOPY_CERTIFY_TABLES and CANOPY_CERTIFY_WORK bytes, aligned to 8: between calls others may
+/// use the second. CANOPY_ARGUMENT: the field is not exact.
+enum canopy_status canopy_certify_init_apart(struct canopy_certify *certify, const struct canopy_field *field,
+                                             void *tables, void *work);
 
 /// Begins with coefficients in the library's orientation: above, mirrored for the side below. They must stand within
 /// +- CANOPY_COEFFICIENT_LIMIT, where nothing below overflows: else every step and cell says CANOPY_RANGE.

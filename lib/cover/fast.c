@@ -65,7 +65,7 @@ static void gather_row(const struct canopy_field *field, uint32_t row, int32_t *
         return;
     }
     for (uint32_t c = 0; c < columns; c++) {
-        const int32_t height = canopy_field_packed_height(field, first + c);
+        const int32_t height = field->packing->packed_height(field, first + c);
         nodes[c] = height > nodes[c] ? height : nodes[c];
     }
 }

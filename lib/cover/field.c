@@ -4,6 +4,7 @@
 
 #include "lib/cover/axes.h"
 #include "lib/cover/cell.h"
+#include "lib/cover/field_parts.h"
 #include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 
@@ -35,16 +36,9 @@ static void init_heights(struct canopy_field_heights *z, const struct canopy_fra
     }
 }
 
-static size_t cell_count(const struct canopy_field *field) {
-    return (size_t)field->axis[0].count * field->axis[1].count;
-}
-
-static size_t knot_cell_count(const struct canopy_field *field) {
-    return (field->frame.size[0] - 1U) * (size_t)(field->frame.size[1] - 1U);
-}
-
-static enum canopy_status init(struct canopy_field *field, const struct canopy_frame *frame, const uint16_t cells[2],
-                               struct canopy_arena *cut, void *arena, size_t bytes, size_t needed) {
+enum canopy_status canopy_field_start(struct canopy_field *field, const struct canopy_frame *frame,
+                                      const uint16_t cells[2], struct canopy_arena *cut, void *arena, size_t bytes,
+                                      size_t needed) {
     for (int a = 0; a < 2; a++) {
         if (cells[a] < 1 || cells[a] > CANOPY_CELLS_MAX || cells[a] > frame->pitch[a]) {
             return CANOPY_ARGUMENT;
@@ -69,22 +63,9 @@ enum canopy_status canopy_field_init(struct canopy_field *field, const struct ca
                                      const uint16_t cells[2], void *arena, size_t bytes) {
     const size_t needed = CANOPY_FIELD_ARENA(frame->size[0], frame->size[1], cells[0], cells[1]);
     struct canopy_arena cut;
-    const enum canopy_status status = init(field, frame, cells, &cut, arena, bytes, needed);
+    const enum canopy_status status = canopy_field_start(field, frame, cells, &cut, arena, bytes, needed);
     if (status == CANOPY_OK) {
         field->heights = canopy_arena_take(&cut, needed);
-        canopy_field_clear(field);
-    }
-    return status;
-}
-
-enum canopy_status canopy_field_init_packed(struct canopy_field *field, const struct canopy_frame *frame,
-                                            const uint16_t cells[2], void *arena, size_t bytes) {
-    const size_t needed = CANOPY_FIELD_PACKED_ARENA(frame->size[0], frame->size[1], cells[0], cells[1]);
-    struct canopy_arena cut;
-    const enum canopy_status status = init(field, frame, cells, &cut, arena, bytes, needed);
-    if (status == CANOPY_OK) {
-        field->codes = canopy_arena_take(&cut, cell_count(field));
-        field->tops = canopy_arena_take(&cut, 4 * knot_cell_count(field));
         canopy_field_clear(field);
     }
     return status;
@@ -98,10 +79,10 @@ static void empty(int32_t *heights, size_t count) {
 
 void canopy_field_clear(struct canopy_field *field) {
     if (field->heights != NULL) {
-        empty(field->heights, cell_count(field));
+        empty(field->heights, canopy_field_cells(field));
     } else {
-        memset(field->codes, CANOPY_PACKED_NONE, cell_count(field));
-        empty(field->tops, knot_cell_count(field));
+        memset(field->codes, CANOPY_PACKED_NONE, canopy_field_cells(field));
+        empty(field->tops, canopy_field_knot_cells(field));
     }
 }
 

@@ -53,11 +53,20 @@ struct canopy_field_heights {
     int32_t factor, base;
 };
 
+struct canopy_field;
+
+/// The two accesses that differ in a packed field. A value, so that programs without packed fields link none of it.
+struct canopy_field_packing {
+    int32_t (*packed_height)(const struct canopy_field *field, uint32_t cell);
+    bool (*packed_raise)(struct canopy_field *field, uint32_t cell, int32_t height);
+};
+
 struct canopy_field {
     bool exact;        ///< every cell edge is a whole quantum
     int32_t *heights;  ///< axis[0].count x axis[1].count, row (u) order; NULL in a packed field
-    uint8_t *codes;    ///< packed: the same of their codes (packed.h), else NULL
-    int32_t *tops;     ///< packed: of the knot cells, row order; CANOPY_NO_HEIGHT without data
+    const struct canopy_field_packing *packing;  ///< of a packed field, else NULL
+    uint8_t *codes;                              ///< packed: the same of their codes (packed.h), else NULL
+    int32_t *tops;  ///< packed: of the knot cells, row order; CANOPY_NO_HEIGHT without data
     struct canopy_field_heights z;
     struct canopy_field_axis axis[2];
     struct canopy_frame frame;
@@ -106,18 +115,15 @@ enum canopy_status canopy_field_init_packed(struct canopy_field *field, const st
 /// Forgets all data.
 void canopy_field_clear(struct canopy_field *field);
 
-int32_t canopy_field_packed_height(const struct canopy_field *field, uint32_t cell);
-bool canopy_field_packed_raise(struct canopy_field *field, uint32_t cell, int32_t height);
-
 /// The highest that may be in a cell, in steps, or CANOPY_NO_HEIGHT. `cell` counts in row order.
 static inline int32_t canopy_field_height(const struct canopy_field *field, uint32_t cell) {
-    return field->heights != NULL ? field->heights[cell] : canopy_field_packed_height(field, cell);
+    return field->heights != NULL ? field->heights[cell] : field->packing->packed_height(field, cell);
 }
 
 /// Raises a cell to a height of at least -CANOPY_HEIGHT_LIMIT. False if it was as high.
 static inline bool canopy_field_raise_cell(struct canopy_field *field, uint32_t cell, int32_t height) {
     if (field->heights == NULL) {
-        return canopy_field_packed_raise(field, cell, height);
+        return field->packing->packed_raise(field, cell, height);
     }
     const bool raised = height > field->heights[cell];
     field->heights[cell] = raised ? height : field->heights[cell];

@@ -1,6 +1,6 @@
-// Fields of one byte a cell: the two accesses that differ.
+// Fields of one byte a cell.
 
-#include "lib/cover/field.h"
+#include "lib/cover/field_parts.h"
 #include "lib/cover/packed.h"
 
 static uint32_t knot_cell_of(const struct canopy_field *field, uint32_t cell) {
@@ -8,7 +8,7 @@ static uint32_t knot_cell_of(const struct canopy_field *field, uint32_t cell) {
     return row / field->axis[0].cells * (field->frame.size[1] - 1U) + column / field->axis[1].cells;
 }
 
-int32_t canopy_field_packed_height(const struct canopy_field *field, uint32_t cell) {
+static int32_t packed_height(const struct canopy_field *field, uint32_t cell) {
     const uint8_t code = field->codes[cell];
     return code == CANOPY_PACKED_NONE ? CANOPY_NO_HEIGHT
                                       : canopy_packed_height(code, field->tops[knot_cell_of(field, cell)]);
@@ -28,7 +28,7 @@ static void recode(struct canopy_field *field, uint32_t knot_cell, int32_t from,
     }
 }
 
-bool canopy_field_packed_raise(struct canopy_field *field, uint32_t cell, int32_t height) {
+static bool packed_raise(struct canopy_field *field, uint32_t cell, int32_t height) {
     const uint32_t knot_cell = knot_cell_of(field, cell);
     int32_t *top = &field->tops[knot_cell];
     if (height > *top) {
@@ -42,4 +42,20 @@ bool canopy_field_packed_raise(struct canopy_field *field, uint32_t cell, int32_
     const bool raised = code < field->codes[cell] || field->codes[cell] == CANOPY_PACKED_NONE;
     field->codes[cell] = raised ? code : field->codes[cell];
     return raised;
+}
+
+static const struct canopy_field_packing packing = {packed_height, packed_raise};
+
+enum canopy_status canopy_field_init_packed(struct canopy_field *field, const struct canopy_frame *frame,
+                                            const uint16_t cells[2], void *arena, size_t bytes) {
+    const size_t needed = CANOPY_FIELD_PACKED_ARENA(frame->size[0], frame->size[1], cells[0], cells[1]);
+    struct canopy_arena cut;
+    const enum canopy_status status = canopy_field_start(field, frame, cells, &cut, arena, bytes, needed);
+    if (status == CANOPY_OK) {
+        field->packing = &packing;
+        field->codes = canopy_arena_take(&cut, canopy_field_cells(field));
+        field->tops = canopy_arena_take(&cut, 4 * canopy_field_knot_cells(field));
+        canopy_field_clear(field);
+    }
+    return status;
 }

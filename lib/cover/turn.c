@@ -109,7 +109,7 @@ CANOPY_INLINE size_t feed(struct canopy_field *field, const struct canopy_turn_f
         if (find(field, turn, *points, exact, &cell, &height) != CANOPY_OK) {
             refused++;
         } else if (heights == NULL) {
-            (void)canopy_field_packed_raise(field, cell, height);
+            (void)field->packing->packed_raise(field, cell, height);
         } else if (height > heights[cell]) {
             heights[cell] = height;
         }

@@ -1,4 +1,4 @@
-/// Inside lib/scan: numbers out of registers, and whether a table makes sense.
+/// Inside lib/scan: numbers out of registers.
 #ifndef CANOPY_SCAN_FIELD_H
 #define CANOPY_SCAN_FIELD_H
 
@@ -21,8 +21,5 @@ uint32_t canopy_scan_bits(const struct canopy_profile_table *table, const struct
 /// the product with its multiplier does not fit.
 bool canopy_scan_load(const struct canopy_profile_table *table, const struct canopy_scan_field *field, uint8_t where,
                       const uint16_t *registers, int32_t *to);
-
-/// Every field inside its block, every number in its range, for profiles of up to `columns`.
-bool canopy_scan_table_ok(const struct canopy_profile_table *table, uint16_t columns);
 
 #endif

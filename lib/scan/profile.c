@@ -456,10 +456,23 @@ static enum canopy_scan_event take(struct canopy_profile_driver *driver, const u
 // ---------------------------------------------------------------------------------------------------------------------
 // The driver as its user sees it
 
+// Whether profiles of up to `columns` fit the device's registers and the driver's numbers.
+static bool columns_ok(const struct canopy_profile_table *table, uint16_t columns) {
+    const uint32_t length = (uint32_t)columns * canopy_scan_words(table->heights_type) + 2;
+    return columns > 0 && length <= UINT16_MAX && (uint32_t)table->heights_address + length <= 0x10000u;
+}
+
 enum canopy_status canopy_profile_init(struct canopy_profile_driver *driver, const struct canopy_profile_config *config,
                                        void *arena, size_t bytes, uint64_t now_us) {
+    return canopy_scan_table_ok(config->table) ? canopy_profile_init_known(driver, config, arena, bytes, now_us)
+                                               : CANOPY_ARGUMENT;
+}
+
+enum canopy_status canopy_profile_init_known(struct canopy_profile_driver *driver,
+                                             const struct canopy_profile_config *config, void *arena, size_t bytes,
+                                             uint64_t now_us) {
     const struct canopy_profile_table *table = config->table;
-    if (!canopy_scan_table_ok(table, config->columns))
+    if (!columns_ok(table, config->columns))
         return CANOPY_ARGUMENT;
     if (((uintptr_t)arena & 7u) != 0)
         return CANOPY_ARENA_ALIGN;

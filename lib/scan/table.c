@@ -66,19 +66,17 @@ static bool scene_ok(const struct canopy_profile_table *table) {
            (table->unit.where != CANOPY_SCAN_DESCRIPTION || table->unit.type == CANOPY_SCAN_U32);
 }
 
-static bool heights_ok(const struct canopy_profile_table *table, uint16_t columns) {
+static bool heights_ok(const struct canopy_profile_table *table) {
     if (table->heights_type > CANOPY_SCAN_I32 || table->trailer > CANOPY_SCAN_TRAILER_FIXED ||
         table->trailer_type > CANOPY_SCAN_U32 || table->trailer_type == CANOPY_SCAN_I16)
         return false;
-    const uint32_t length = (uint32_t)columns * canopy_scan_words(table->heights_type) + 2;
-    return columns > 0 && length <= UINT16_MAX && (uint32_t)table->heights_address + length <= 0x10000u &&
-           table->invalid_count <= CANOPY_SCAN_INVALID_MAX && table->height_low <= table->height_high &&
+    return table->invalid_count <= CANOPY_SCAN_INVALID_MAX && table->height_low <= table->height_high &&
            table->z_divisor >= 0 && table->z_divisor <= 1 << 30;
 }
 
-bool canopy_scan_table_ok(const struct canopy_profile_table *table, uint16_t columns) {
+bool canopy_scan_table_ok(const struct canopy_profile_table *table) {
     return (table->function == 3 || table->function == 4) && table->order <= CANOPY_SCAN_CDAB && table->read_max > 0 &&
            table->read_max <= CANOPY_SCAN_READ_MAX && table->header.count > 0 &&
            table->header.count <= table->read_max && table->description.count <= table->read_max &&
-           table->stale_us > 0 && fields_ok(table) && scene_ok(table) && heights_ok(table, columns);
+           table->stale_us > 0 && fields_ok(table) && scene_ok(table) && heights_ok(table);
 }

@@ -74,7 +74,7 @@ struct canopy_scan_i2c {
 
 #define CANOPY_SCAN_INVALID_MAX 4
 
-/// A device. Every offset must lie inside its block; canopy_profile_init() checks the whole table.
+/// A device. Every offset must lie inside its block; canopy_scan_table_ok() checks the whole table.
 struct canopy_profile_table {
     const char *name;
     const char *title;  ///< one line for people
@@ -132,5 +132,8 @@ const struct canopy_profile_table *canopy_profile_find(const char *name);
 
 /// The built-in devices, `index` from 0; NULL behind the last.
 const struct canopy_profile_table *canopy_profile_at(unsigned index);
+
+/// Whether a table makes sense: every field inside its block, every number in its range.
+bool canopy_scan_table_ok(const struct canopy_profile_table *table);
 
 #endif

@@ -16,9 +16,9 @@ void canopy_basis_fx(int32_t s, int32_t weight[4], int32_t slope[4]) {
     const int32_t two_thirds = 715827882;  // floor(2^30 * 2/3)
     const int32_t r = CANOPY_UNIT_Q30 - s, s2 = mul_floor(s, s), r2 = mul_floor(r, r);
     const int32_t s3 = mul_floor(s2, s), r3 = mul_floor(r2, r);
-    weight[0] = r3 / 6;
+    weight[0] = (int32_t)((uint32_t)r3 / 6);  // no sign to divide: r and s are from 0 to 1
     weight[1] = s3 / 2 - s2 + two_thirds;
-    weight[3] = s3 / 6;
+    weight[3] = (int32_t)((uint32_t)s3 / 6);
     weight[2] = CANOPY_UNIT_Q30 - weight[0] - weight[1] - weight[3];
     if (slope != NULL) {
         slope[0] = -(r2 / 2);

@@ -31,7 +31,7 @@ enum canopy_status canopy_device_init(struct canopy_device *device, const struct
     status = canopy_station_init(&device->station, &config->station, cut.next, cut.left, now_us);
     if (status == CANOPY_OK) {
         const struct canopy_profile_config profile = {scanner->table, scanner->unit, scanner->columns};
-        status = canopy_profile_init(&device->driver, &profile, profile_arena, profile_bytes, now_us);
+        status = canopy_profile_init_known(&device->driver, &profile, profile_arena, profile_bytes, now_us);
     }
     if (status == CANOPY_OK) {
         device->bank = canopy_station_bank(&device->station);

@@ -24,10 +24,11 @@
 #include "lib/status.h"
 
 struct canopy_device_scanner {
-    struct canopy_scan_link link;              ///< lib/station/rtu_link.h, lib/scan/i2c_link.h, or the board's own
-    const struct canopy_profile_table *table;  ///< the kind of scanner; must outlive the device
-    uint16_t columns;                          ///< the most readings a profile may have
-    uint8_t unit;                              ///< Modbus unit; I2C address, 0: the table's
+    struct canopy_scan_link link;  ///< lib/station/rtu_link.h, lib/scan/i2c_link.h, or the board's own
+    const struct canopy_profile_table
+        *table;        ///< the kind of scanner: sound (canopy_scan_table_ok), outlives the device
+    uint16_t columns;  ///< the most readings a profile may have
+    uint8_t unit;      ///< Modbus unit; I2C address, 0: the table's
 };
 
 struct canopy_device_plc {

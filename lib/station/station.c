@@ -122,16 +122,22 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
         return status;
     }
     struct canopy_arena cut;
-    status = canopy_arena_open(&cut, arena, bytes, CANOPY_STATION_ARENA(m, n, q, config->lines, config->clients));
+    const size_t field_bytes = CANOPY_FIELD_ARENA(m, n, q, q), mark_bytes = CANOPY_STATION_MARKS(m, n, q);
+    const size_t table_bytes = CANOPY_CERTIFY_TABLES(q, q), certify_bytes = CANOPY_CERTIFY_WORK(n, q);
+    const size_t fast_bytes = CANOPY_FAST_ARENA(m, n, q, config->lines);
+    const size_t work_bytes = CANOPY_MAX(fast_bytes, certify_bytes + mark_bytes);
+    status = canopy_arena_open(&cut, arena, bytes, field_bytes + mark_bytes + table_bytes + work_bytes);
     if (status != CANOPY_OK) {
         return status;
     }
     *station = (struct canopy_station){.config = own, .start_us = now_us, .now_us = now_us};
-    station->field_arena = canopy_arena_take(&cut, CANOPY_FIELD_ARENA(m, n, q, q));
-    station->risen_cells = canopy_arena_take(&cut, CANOPY_STATION_MARKS(m, n, q));
-    station->late_cells = canopy_arena_take(&cut, CANOPY_STATION_MARKS(m, n, q));
-    station->fast_arena = canopy_arena_take(&cut, CANOPY_FAST_ARENA(m, n, q, config->lines));
-    station->certify_arena = canopy_arena_take(&cut, CANOPY_CERTIFY_ARENA(n, q, q));
+    station->field_bytes = field_bytes;
+    station->work_bytes = work_bytes;
+    station->field_arena = canopy_arena_take(&cut, field_bytes);
+    station->risen_cells = canopy_arena_take(&cut, mark_bytes);
+    station->tables_arena = canopy_arena_take(&cut, table_bytes);
+    station->work_arena = canopy_arena_take(&cut, work_bytes);
+    station->late_cells = (uint8_t *)station->work_arena + certify_bytes;
     const struct canopy_plc_config plc = {
         .size = {m, n},
         .side = grid->side,
@@ -167,16 +173,14 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
         return status;
     }
     const uint16_t cells[2] = {frame->cells, frame->cells};
-    status = canopy_field_init(&station->field, frame, cells, station->field_arena,
-                               CANOPY_FIELD_ARENA(grid->size[0], grid->size[1], cells[0], cells[1]));
+    status = canopy_field_init(&station->field, frame, cells, station->field_arena, station->field_bytes);
     if (status == CANOPY_OK) {
         status = canopy_fast_init(&station->fast, &station->field, station->config.fit, station->config.lines,
-                                  station->fast_arena,
-                                  CANOPY_FAST_ARENA(grid->size[0], grid->size[1], cells[1], station->config.lines));
+                                  station->work_arena, station->work_bytes);
     }
     if (status == CANOPY_OK) {
-        status = canopy_certify_init(&station->certify, &station->field, station->certify_arena,
-                                     CANOPY_CERTIFY_ARENA(grid->size[1], cells[0], cells[1]));
+        status =
+            canopy_certify_init_apart(&station->certify, &station->field, station->tables_arena, station->work_arena);
     }
     if (status == CANOPY_OK) {
         station->turned = turned;

@@ -66,12 +66,15 @@ enum canopy_station_stage {
     CANOPY_STATION_SETTLING     ///< cells that rose since their row was certified
 };
 
-/// Bytes of arena. `cells` is Q.
+/// Bytes of arena. `cells` is Q. What the certificate works in, and the marks of cells that rise behind its back, stand
+/// where the fit was, which is over by then.
 #define CANOPY_STATION_ARENA(m, n, cells, lines, clients)                                                              \
-    (CANOPY_FIELD_ARENA(m, n, cells, cells) + 2U * CANOPY_STATION_MARKS(m, n, cells) +                                 \
-     CANOPY_FAST_ARENA(m, n, cells, lines) + CANOPY_CERTIFY_ARENA(n, cells, cells) + CANOPY_PLC_ARENA(m, n, clients))
+    (CANOPY_FIELD_ARENA(m, n, cells, cells) + CANOPY_STATION_MARKS(m, n, cells) +                                      \
+     CANOPY_STATION_WORK(m, n, cells, lines) + CANOPY_CERTIFY_TABLES(cells, cells) + CANOPY_PLC_ARENA(m, n, clients))
 #define CANOPY_STATION_MARKS(m, n, cells)                                                                              \
     CANOPY_ARENA_ROUND(((size_t)(cells) * (cells) * ((size_t)(m)-1U) * ((size_t)(n)-1U) + 7U) / 8U)
+#define CANOPY_STATION_WORK(m, n, cells, lines)                                                                        \
+    CANOPY_MAX(CANOPY_FAST_ARENA(m, n, cells, lines), CANOPY_CERTIFY_WORK(n, cells) + CANOPY_STATION_MARKS(m, n, cells))
 
 struct canopy_station;
 
@@ -138,7 +141,8 @@ struct canopy_station {
     const struct canopy_profile_counters *scan;  ///< the scanner driver's, or NULL
     struct canopy_station_port port;             ///< set by the port, any time
     struct canopy_station_config config;
-    void *field_arena, *fast_arena, *certify_arena;
+    void *field_arena, *tables_arena, *work_arena;
+    size_t field_bytes, work_bytes;
     struct canopy_plc plc;
     struct canopy_field field;
     struct canopy_fast fast;
