@@ -22,7 +22,7 @@ BOARDS = ["mps2_an385", "linux"]
 @pytest.fixture
 def build(tmp_path):
     """A build directory of its own, with the programs of the real one."""
-    for name in ("host", "mps2_an385"):
+    for name in ("host", "mps2_an385", "riscv_virt"):
         (tmp_path / name).symlink_to(BUILD / name)
     return tmp_path
 
@@ -76,6 +76,16 @@ def test_the_terrain_from_the_scanner_to_the_plc(build, board):
     assert len(served) == 40 * 60
     assert surrogate["size"] == [20, 20] and surrogate["scalar"] == "fx"
     assert "40/40 profiles" in output
+
+
+def test_a_board_that_is_its_own_scanner(build):
+    status, output, errors = demo(build, "--board", "riscv_virt", "--short")
+    assert status == 0, output + errors
+    surrogate, _ = assert_whole(build, output)
+    assert surrogate["size"] == [20, 20] and surrogate["unit"] == 0.1
+    assert "120/120 profiles" in output
+    status, _, errors = demo(build, "--board", "riscv_virt", "--scene", "x.xyz")
+    assert status == 1 and "its own scanner" in errors and len(errors.splitlines()) == 1, errors
 
 
 @pytest.mark.parametrize("board", BOARDS)

@@ -1,11 +1,12 @@
 #!/usr/bin/python3
 """The whole way, from a scanner to a PLC: a scene is swept into a device, and the PLC's view of it is checked.
 
-Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux] [--scene POINTS] [--unit U] [--short]
+Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux|riscv_virt] [--scene POINTS] [--unit U] [--short]
 
 A scanner simulator sweeps the scene profile by profile and serves it over Modbus; the device (the firmware on an
-emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. In the end the
-envelope that the PLC holds is checked against every reading the simulator has served, and drawn; then beside what the
+emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. (riscv_virt is its
+own scanner; what it plays to itself is known: tools/sweep.py.) In the end the envelope that the PLC holds is checked
+against every reading the simulator has served, and drawn; then beside what the
 tight method makes of the same readings on a host. Everything is left in BUILD/demo. Exit status: 0 the PLC's envelope is
 safe; 1 anything else, with one line that says what, where, and what to do.
 """
@@ -24,6 +25,9 @@ import sys
 import time
 from pathlib import Path
 
+import emulator
+import sweep as built_in
+
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path(os.environ.get("BUILD", "build"))
 BUILD = BUILD if BUILD.is_absolute() else ROOT / BUILD
@@ -31,7 +35,8 @@ START_SECONDS = 30  # for a program to say that it is there
 STALL_SECONDS = 30  # without a new profile
 SETTLE_SECONDS = 30  # from the last profile to an envelope that covers it
 SHORT = {"rows": 40, "columns": 60}
-BOARDS = {"mps2_an385": "Cortex-M3 firmware in QEMU (mps2-an385)", "linux": "canopyd on this machine"}
+BOARDS = {"mps2_an385": "Cortex-M3 firmware in QEMU (mps2-an385)", "linux": "canopyd on this machine",
+          "riscv_virt": "RV32IMAC firmware in QEMU (virt)"}
 
 
 class Failure(Exception):
@@ -157,22 +162,26 @@ def free_port():
 
 
 class Emulated:
-    """The firmware in QEMU, a pseudo-terminal for each of its lines."""
+    """The firmware in its emulator, a pseudo-terminal for each of its lines."""
 
-    name = BOARDS["mps2_an385"]
+    board, lines = "mps2_an385", 2
 
     def __init__(self, children):
-        image = BUILD / "mps2_an385" / "canopy.elf"
+        self.name = BOARDS[self.board]
+        image = BUILD / self.board / "canopy.elf"
         if not image.exists():
-            raise Failure(f"{shown(image)} is not there: make firmware")
-        if shutil.which("qemu-system-arm") is None:
-            raise Failure("qemu-system-arm is not installed: tools/setup emulator")
+            raise Failure(f"{shown(image)} is not there: make firmware BOARD={self.board}")
         self.console = children.place / "console.txt"
         self.console.write_bytes(b"")
-        self.child = children.start("device", [
-            "qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none", "-serial", "pty",
-            "-serial", "pty", "-serial", f"file:{self.console}", "-kernel", image])
-        lines = [self.child.wait_for(rf"redirected to (\S+) \(label serial{i}\)").group(1) for i in range(2)]
+        serials = ["pty" if i < self.lines else "null" for i in range(2)]
+        command = emulator.argv(self.board, image, (*serials, f"file:{self.console}"))
+        if shutil.which(command[0]) is None:
+            raise Failure(f"{command[0]} is not installed: tools/setup emulator")
+        self.child = children.start("device", command)
+        self.connect([self.child.wait_for(rf"redirected to (\S+) \(label serial{i}\)").group(1)
+                      for i in range(self.lines)])
+
+    def connect(self, lines):
         self.scanner_line = f"{lines[0]},115200,8N1,1"
         self.plc_url = f"rtu:{lines[1]},115200,8N1,1"
         self.wires = f"scanner on UART 0 ({lines[0]}), PLC on UART 1 ({lines[1]}), both Modbus RTU"
@@ -185,6 +194,17 @@ class Emulated:
         if "crash" in text or text.count(" starts") > 1:
             raise Failure(f"the firmware has started anew (its words in {shown(self.console)}): "
                           "that is a defect of canopy")
+
+
+class Virt(Emulated):
+    """One line, the PLC's; the scanner is built in."""
+
+    board, lines = "riscv_virt", 1
+
+    def connect(self, lines):
+        self.scanner_line = None
+        self.plc_url = f"rtu:{lines[0]},115200,8N1,1"
+        self.wires = f"scanner built in, PLC on the UART ({lines[0]}, Modbus RTU)"
 
 
 class Linux:
@@ -208,7 +228,7 @@ class Linux:
         """Nothing that its exit status would not say."""
 
 
-DEVICES = {"mps2_an385": Emulated, "linux": Linux}
+DEVICES = {"mps2_an385": Emulated, "linux": Linux, "riscv_virt": Virt}
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -233,7 +253,7 @@ class Scanner:
         self.device = self.child.wait_for(r"^rtu (\S+)$").group(1)
         scene = self.child.wait_for(r"profiles (\d+) columns (\d+) unit (\S+)")
         self.profiles, self.columns, self.unit = int(scene.group(1)), int(scene.group(2)), float(scene.group(3))
-        self.profile, self.served, self.over, self.read = 0, 0, None, 0
+        self.profile, self.served, self.over, self.read, self.plc = 0, 0, None, 0, None
 
     def look(self):
         """Reads what the log has to say since the last look."""
@@ -250,6 +270,32 @@ class Scanner:
             if over:
                 self.over = [int(number) for number in over.groups()]
                 self.served = self.over[0]
+
+    def settle(self, points):
+        """How many readings were served when the PLC has an envelope of so many."""
+        return self.served
+
+
+class BuiltIn:
+    """A board's own scanner: what it plays is known, and how far it is says the PLC. It goes on for ever."""
+
+    device, columns, unit = None, built_in.COLUMNS, built_in.UNIT
+
+    def __init__(self, children, short):
+        self.served_file = children.place / "served.xyz"
+        self.profiles = built_in.PROFILES * (1 if short else 1 + max(part[0] for part in built_in.PARTS))
+        self.profile, self.over, self.plc = 0, None, None
+
+    def look(self):
+        seen = self.plc.seen.get("profiles", 0)
+        self.profile = min(seen, self.profiles)
+        if seen >= self.profiles:
+            whole = (built_in.sweep_points(number) for number in range(self.profiles // built_in.PROFILES))
+            self.over = [sum(map(len, whole)), 0, 0]
+
+    def settle(self, points):
+        built_in.write(points, self.served_file)
+        return points
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -400,28 +446,39 @@ def fresh_place():
     return place
 
 
-def play(arguments, children):
-    began, place = time.monotonic(), children.place
-    scene, shape = arguments.scene, []
+def start_scanner(arguments, children, device):
+    """(scanner, title of what it sees)."""
+    if device.scanner_line is None:
+        if arguments.scene is not None or arguments.unit is not None:
+            raise Failure(f"{arguments.board} is its own scanner: leave --scene and --unit out")
+        return BuiltIn(children, arguments.short), "parts on a floor, sweep upon sweep"
+    scene, title, shape = arguments.scene, "the Jacksboro fault terrain", []
     if scene is None:
-        scene = place / "scene.xyz"
+        scene = children.place / "scene.xyz"
         make_terrain(scene, arguments.short)
-    elif arguments.short:
-        shape = ["--profiles", SHORT["rows"], "--columns", SHORT["columns"]]
+    else:
+        title = shown(scene)
+        if arguments.short:
+            shape = ["--profiles", SHORT["rows"], "--columns", SHORT["columns"]]
     if arguments.unit is not None:
         shape += ["--unit", arguments.unit]
+    return Scanner(children, scene, device.scanner_line, shape), title
+
+
+def play(arguments, children):
+    began, place = time.monotonic(), children.place
     device = DEVICES[arguments.board](children)
-    scanner = Scanner(children, scene, device.scanner_line, shape)
-    title = "the Jacksboro fault terrain" if arguments.scene is None else shown(scene)
+    scanner, title = start_scanner(arguments, children, device)
     print(f"canopy: {title}, {scanner.profiles} profiles of {scanner.columns} columns, unit {scanner.unit:.9g},\n"
           f"  into {device.name}:\n  {device.wires}", flush=True)
     device.begin(scanner.device)
-    plc = Plc(children, device.plc_url)
+    plc = scanner.plc = Plc(children, device.plc_url)
     served = sweep(scanner, plc, device, children)
     surrogate, tight = place / "surrogate.json", place / "tight.json"
     picture, comparison = place / "picture.png", place / "tight.png"
     envelope = plc.read(served, scanner.profiles, surrogate)
     device.check()
+    served = scanner.settle(envelope["points"])
     if envelope["points"] != served:
         raise Failure(f"the PLC's envelope covers {envelope['points']} readings, and {served} were served: that is a "
                       f"defect of canopy; see {shown(place)}")

@@ -3,8 +3,8 @@
 
 Usage: tools/sweep.py READINGS OUT.xyz
 
-Writes the first so many valid readings since the board's start, in the scene's unit, in the order in which the board has
-them. Written anew from the description in boards/riscv_virt/sweep.h, so that what checks the board does not believe it.
+Writes the first so many valid readings since the board's start, in the scene's unit, in the order in which the board
+has them. Written anew from the description in boards/riscv_virt/sweep.h: what checks the board does not believe it.
 """
 
 import itertools
@@ -15,7 +15,7 @@ X_STEP, Y_STEP, UNIT = 25, 30, 0.1
 WORD = 0xFFFFFFFF
 SHADOW = 4
 PARTS = [  # sweeps before it is there, column, profile, radius, height
-    (0, 40, 30, 18, 700), (0, 110, 45, 25, 500), (0, 70, 90, 20, 900), (2, 130, 95, 14, 1100), (4, 20, 75, 10, 600)]
+    (0, 40, 30, 30, 900), (0, 115, 40, 40, 700), (0, 70, 90, 32, 1200), (2, 128, 92, 24, 1000), (4, 20, 75, 18, 600)]
 
 
 def chance(i, j):
@@ -29,9 +29,9 @@ def wave(at, half):
 
 
 def dome(part, i, j):
-    _, ci, cj, radius, height = part
+    _, ci, cj, radius, top = part
     left = radius ** 2 - (i - ci) ** 2 - (j - cj) ** 2
-    return height + left if left > 0 else 0
+    return top * left // radius ** 2 if left > 0 else 0
 
 
 def height(sweep, j, i):
@@ -61,14 +61,19 @@ def first(count):
     return list(itertools.islice(readings(), count))
 
 
+def write(count, path):
+    """The first so many readings as a point file, in the scene's unit."""
+    with open(path, "w", encoding="ascii") as to:
+        for point in first(count):
+            to.write(" ".join(f"{coordinate * UNIT:.17g}" for coordinate in point) + "\n")
+
+
 def main():
     if len(sys.argv) != 3 or not sys.argv[1].isdigit():
         print("usage: tools/sweep.py READINGS OUT.xyz", file=sys.stderr)
         return 64
     try:
-        with open(sys.argv[2], "w", encoding="ascii") as to:
-            for point in first(int(sys.argv[1])):
-                to.write(" ".join(f"{coordinate * UNIT:.17g}" for coordinate in point) + "\n")
+        write(int(sys.argv[1]), sys.argv[2])
     except OSError as error:
         print(f"{sys.argv[2]}: {error.strerror}: give a file that can be written", file=sys.stderr)
         return 2

@@ -6,14 +6,14 @@
 
 // ---- The scene, in whole numbers
 
-// A part: a dome on a cylinder, and its shadow on the side of higher columns.
+// A part: a dome, and its shadow on the side of higher columns.
 struct part {
     uint16_t since;  // sweeps before it is there
     int16_t i, j, radius, height;
 };
 
 static const struct part PARTS[] = {
-    {0, 40, 30, 18, 700}, {0, 110, 45, 25, 500}, {0, 70, 90, 20, 900}, {2, 130, 95, 14, 1100}, {4, 20, 75, 10, 600},
+    {0, 40, 30, 30, 900}, {0, 115, 40, 40, 700}, {0, 70, 90, 32, 1200}, {2, 128, 92, 24, 1000}, {4, 20, 75, 18, 600},
 };
 
 #define PART_COUNT (sizeof PARTS / sizeof PARTS[0])
@@ -33,8 +33,8 @@ static uint32_t hash(uint32_t i, uint32_t j) {
 // Over the floor; 0 beside the part.
 static uint32_t part_height(const struct part *part, int32_t i, int32_t j) {
     const int32_t di = i - part->i, dj = j - part->j;
-    const int32_t left = part->radius * part->radius - di * di - dj * dj;
-    return left > 0 ? (uint32_t)(part->height + left) : 0u;
+    const int32_t square = part->radius * part->radius, left = square - di * di - dj * dj;
+    return left > 0 ? (uint32_t)(part->height * left / square) : 0u;
 }
 
 uint16_t canopy_sweep_height(uint32_t sweep, uint32_t j, uint32_t i) {
