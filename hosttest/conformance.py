@@ -32,7 +32,7 @@ BELOW_STACK = -1
 
 @dataclass(frozen=True)
 class Crash:
-    """What a fault leaves: its kind, bits of the status that are set, the address (or BELOW_STACK), whether the place is known."""
+    """What a fault leaves: kind, bits of the status that are set, address (or BELOW_STACK), whether the place is known."""
     kind: int
     status: int = 0
     address: int = 0
@@ -43,7 +43,7 @@ class Crash:
 class Expected:
     lines: int
     emulated: bool = True
-    console: bool = True      # canopy_board_put is seen as the emulator's third line
+    console: int = 2          # which of the emulator's serials shows canopy_board_put; None: not one of them
     sending: bool = True      # `sent` is seen false behind a write; the wire takes time there
     loses: bool = True        # a flood is lost and counted; else the far end is held up
     pace: float = 0.9         # least speed of its clock, as a part of the host's
@@ -53,6 +53,7 @@ class Expected:
     watchdog: bool = True
     nowhere: int = 0xF0000000  # an address that nothing answers to
     crashes: dict = field(default_factory=dict)  # kind of fault: Crash; what is not there is not tried
+    extra: tuple = ()  # of the emulator: devices, files
 
 
 # ARMv7-M Architecture Reference Manual, B3.2.15: bits of CFSR
@@ -64,12 +65,26 @@ CORTEX_M = {
 }
 MPS2 = Expected(lines=2, crashes=CORTEX_M)
 
+# ARMv6-M Architecture Reference Manual, B1.5: every fault is a HardFault, which does not know why
+CORTEX_M0 = {kind: Crash(HARD) for kind in ("address", "instruction")} | {"stack": Crash(HARD, place=False), "hang": Crash(WATCHDOG)}
+
+# RISC-V Privileged Architecture, 3.1.15: mcause
+RISCV = {
+    "address": Crash(BUS, status=5, address=0xF0000000),
+    "instruction": Crash(USAGE, status=2),
+    "stack": Crash(MEMORY, status=7, address=BELOW_STACK),
+    "hang": Crash(WATCHDOG, status=1 << 31),
+}
+
 BOARDS = {
     "mps2_an385": MPS2,
     "mps2_an386": MPS2,
     "mps2_an500": MPS2,
-    "linux": Expected(lines=2, emulated=False, console=False, sending=False, loses=False, watchdog=False),
-    "template": Expected(lines=0, emulated=False, console=False, sending=False, loses=False, watchdog=False),
+    "riscv_virt": Expected(lines=1, sending=False, crashes=RISCV),  # its UART takes no time to send
+    "rp2040_pico": Expected(lines=2, i2c=65535, flash=(4, 4096, 256), crashes=CORTEX_M0, pace=0.3,
+                            extra=("--memory", "80", "--flash", "{scratch}/flash", "--keep")),
+    "linux": Expected(lines=2, emulated=False, console=None, sending=False, loses=False, watchdog=False),
+    "template": Expected(lines=0, emulated=False, console=None, sending=False, loses=False, watchdog=False),
 }
 
 FAULTS = ("address", "instruction", "stack", "hang")  # in the order of `fault`
@@ -142,9 +157,11 @@ class Running:
             raise
 
     def start(self, counting):
-        self.emulator = Emulator("conformance.elf", self.scratch, self.name, counting=counting)
+        extra = [word.format(scratch=self.scratch) for word in self.expected.extra]
+        self.emulator = Emulator("conformance.elf", self.scratch, self.name, counting, extra)
         ends = [Line(line.fileno()) for line in self.emulator.lines]
-        self.lines, self.console, self.orders = ends[:self.expected.lines], ends[2], ends[0]
+        self.lines, self.orders = ends[:self.expected.lines], ends[0]
+        self.console = None if self.expected.console is None else ends[self.expected.console]
 
     def wait_started(self, seconds=20):
         while self.orders.take_line(seconds) != "started":
@@ -199,7 +216,7 @@ class Process(Running):
             tty.setraw(far)  # what is sent before the port has opened it must not come back
         environment = {**os.environ, "CANOPY_LINES": " ".join(os.ttyname(far) for _, far in self.ends)}
         self.process = subprocess.Popen([str(self.image)], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        self.lines = [Line(near) for near, _ in self.ends]
+        self.lines, self.console = [Line(near) for near, _ in self.ends], None
         self.orders = self.lines[0] if self.lines else Line(self.process.stdout.fileno(), self.process.stdin.fileno())
 
     def close(self):
