@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The whole way, from a scanner to a PLC: a scene is swept into a device, and the PLC's view of it is checked.
 
-Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|linux|riscv_virt] [--scene POINTS] [--unit U] [--short]
+Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|rp2040_pico|riscv_virt|linux] [--scene POINTS] [--unit U] [--short]
 
 A scanner simulator sweeps the scene profile by profile and serves it over Modbus; the device (the firmware on an
 emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. (riscv_virt is its
@@ -36,7 +36,8 @@ STALL_SECONDS = 30  # without a new profile
 SETTLE_SECONDS = 30  # from the last profile to an envelope that covers it
 SHORT = {"rows": 40, "columns": 60}
 BOARDS = {"mps2_an385": "Cortex-M3 firmware in QEMU (mps2-an385)", "linux": "canopyd on this machine",
-          "riscv_virt": "RV32IMAC firmware in QEMU (virt)"}
+          "riscv_virt": "RV32IMAC firmware in QEMU (virt)",
+          "rp2040_pico": "Cortex-M0+ firmware on an RP2040 in rp2040js"}
 
 
 class Failure(Exception):
@@ -174,15 +175,25 @@ class Emulated:
         self.console = children.place / "console.txt"
         self.console.write_bytes(b"")
         serials = ["pty" if i < self.lines else "null" for i in range(2)]
-        command = emulator.argv(self.board, image, (*serials, f"file:{self.console}"))
-        if shutil.which(command[0]) is None:
-            raise Failure(f"{command[0]} is not installed: tools/setup emulator")
-        self.child = children.start("device", command)
-        self.connect([self.child.wait_for(rf"redirected to (\S+) \(label serial{i}\)").group(1)
-                      for i in range(self.lines)])
+        self.children = children
+        self.command = emulator.argv(self.board, image, (*serials, f"file:{self.console}"))
+        if shutil.which(self.program) is None:
+            raise Failure(f"{self.program} is not installed: tools/setup emulator node")
+        self.prepare()
+
+    @property
+    def program(self):
+        return next(word for word in self.command if word != "env" and "=" not in word)
+
+    def prepare(self):
+        self.start()
+
+    def start(self):
+        child = self.children.start("device", self.command)
+        self.connect([child.wait_for(rf"redirected to (\S+) \(label serial{i}\)").group(1) for i in range(self.lines)])
 
     def connect(self, lines):
-        self.scanner_line = f"{lines[0]},115200,8N1,1"
+        self.scanner_line = f"rtu:{lines[0]},115200,8N1,1"
         self.plc_url = f"rtu:{lines[1]},115200,8N1,1"
         self.wires = f"scanner on UART 0 ({lines[0]}), PLC on UART 1 ({lines[1]}), both Modbus RTU"
 
@@ -207,6 +218,22 @@ class Virt(Emulated):
         self.wires = f"scanner built in, PLC on the UART ({lines[0]}, Modbus RTU)"
 
 
+class Pico(Emulated):
+    """The scanner is a device on I2C, which shows what the simulator serves by Modbus TCP: so the simulator is first."""
+
+    board, lines = "rp2040_pico", 1
+
+    def prepare(self):
+        self.scanner_line, self.wires = "tcp:127.0.0.1:0", "scanner on I2C, PLC on UART 0 (Modbus RTU)"
+
+    def begin(self, scanner_device):
+        self.command += ["--scanner", scanner_device]
+        self.start()
+
+    def connect(self, lines):
+        self.plc_url = f"rtu:{lines[0]},115200,8N1,1"
+
+
 class Linux:
     """canopyd: the scanner on a pseudo-terminal that the simulator makes, the PLC by TCP."""
 
@@ -214,7 +241,7 @@ class Linux:
 
     def __init__(self, children):
         self.children, self.port = children, free_port()
-        self.scanner_line = f"{children.place / 'scanner-line'},115200,8E1,1"
+        self.scanner_line = f"rtu:{children.place / 'scanner-line'},115200,8E1,1"
         self.plc_url = f"tcp:127.0.0.1:{self.port}"
         self.wires = f"scanner on a serial line (Modbus RTU), PLC on 127.0.0.1:{self.port} (Modbus TCP)"
 
@@ -228,7 +255,7 @@ class Linux:
         """Nothing that its exit status would not say."""
 
 
-DEVICES = {"mps2_an385": Emulated, "linux": Linux, "riscv_virt": Virt}
+DEVICES = {"mps2_an385": Emulated, "linux": Linux, "riscv_virt": Virt, "rp2040_pico": Pico}
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -248,9 +275,10 @@ class Scanner:
 
     def __init__(self, children, scene, line, shape):
         self.served_file = children.place / "served.xyz"
-        command = [BUILD / "host" / "canopy-scanner", "--rtu", line, "--served", self.served_file, "--progress"]
+        kind, where = line.split(":", 1)
+        command = [BUILD / "host" / "canopy-scanner", f"--{kind}", where, "--served", self.served_file, "--progress"]
         self.child = children.start("scanner", command + shape + [scene])
-        self.device = self.child.wait_for(r"^rtu (\S+)$").group(1)
+        self.device = self.child.wait_for(rf"^{kind} (\S+)$").group(1)
         scene = self.child.wait_for(r"profiles (\d+) columns (\d+) unit (\S+)")
         self.profiles, self.columns, self.unit = int(scene.group(1)), int(scene.group(2)), float(scene.group(3))
         self.profile, self.served, self.over, self.read, self.plc = 0, 0, None, 0, None

@@ -19,8 +19,8 @@ Runs an image on an emulated RP2040 (rp2040js and what this directory adds) from
 by semihosting; its status is ours.
 
   --serial S           three times: line 0 (UART 0), line 1 (UART 1), console (UART 1 as well: its bytes go to both).
-                       null, stdio, unix:PATH,server=on,wait=on or unix:PATH,server=off. With a socket the run keeps
-                       real time; without it runs as fast as it can, and always the same
+                       null, stdio, file:PATH, pty, unix:PATH,server=on,wait=on or unix:PATH,server=off. With a pty or
+                       a socket the run keeps real time; without it runs as fast as it can, and always the same
   --count              one processor clock an instruction: canopy_board_instructions() is exact
   --scanner HOST:PORT  a profile scanner at 29h of the I2C bus, which shows what canopy-scanner --tcp serves there
   --memory ADDRESS     a memory with a pointer of one byte at this address of the bus
@@ -85,10 +85,10 @@ function number(text, name, least = 0) {
     return value;
 }
 
-function endOf(text, name) {
-    const end = openEnd(text);
+function endOf(text, name, label) {
+    const end = openEnd(text, label);
     if (end === null) {
-        throw new Usage(`--${name} ${text}: null, stdio or unix:PATH,server=on,wait=on`);
+        throw new Usage(`--${name} ${text}: null, stdio, pty, file:PATH or unix:PATH,server=on,wait=on`);
     }
     return end;
 }
@@ -156,7 +156,7 @@ async function main() {
     if (serials.length > 3) {
         throw new Usage('--serial: there are three');
     }
-    const ends = serials.map((text) => endOf(text, 'serial'));
+    const ends = serials.map((text, i) => endOf(text, 'serial', `serial${i}`));
     const cutAfter = options['power-cut-after'];
     const machine = new Machine({
         counting: options.count,

@@ -1,6 +1,9 @@
-// The other ends of serial lines, named as QEMU does: null, stdio, unix:PATH,server=on,wait=on, unix:PATH,server=off.
-import { existsSync, unlinkSync, writeSync } from 'node:fs';
+// The other ends of serial lines, named as QEMU does: null, stdio, file:PATH, pty, unix:PATH,server=on,wait=on,
+// unix:PATH,server=off.
+import { spawn } from 'node:child_process';
+import { existsSync, openSync, unlinkSync, writeSync } from 'node:fs';
 import net from 'node:net';
+import { fileURLToPath } from 'node:url';
 
 /** Nobody: what is sent is gone. */
 class Nobody {
@@ -62,6 +65,55 @@ class Stdio extends Buffered {
     }
 }
 
+/** Whoever looks later. */
+class File extends Buffered {
+    constructor(path) {
+        super();
+        this.path = path;
+    }
+
+    start() {
+        this.file = openSync(this.path, 'w');
+    }
+
+    send(bytes) {
+        writeSync(this.file, bytes);
+    }
+
+    get isPeer() {
+        return false;
+    }
+}
+
+/** A pseudo-terminal, which Node.js cannot make: its name is told as QEMU tells it. */
+class Terminal extends Buffered {
+    constructor(label) {
+        super();
+        this.label = label;
+    }
+
+    start(onData) {
+        this.helper = spawn('/usr/bin/python3', [fileURLToPath(new URL('pty.py', import.meta.url))]);
+        this.helper.stdout.on('data', onData);
+        this.helper.stdin.on('error', () => {});
+        return new Promise((resolve, reject) => {
+            this.helper.on('error', reject);
+            this.helper.stderr.once('data', (name) => {
+                process.stdout.write(`char device redirected to ${name.toString().trim()} (label ${this.label})\n`);
+                resolve();
+            });
+        });
+    }
+
+    send(bytes) {
+        this.helper.stdin.write(bytes);
+    }
+
+    close() {
+        this.helper?.stdin.end();
+    }
+}
+
 class Socket extends Buffered {
     constructor(path, isServer, waits) {
         super();
@@ -115,13 +167,18 @@ class Socket extends Buffered {
     }
 }
 
-/** The end that a text names; null for a text that names none. */
-export function openEnd(text) {
-    if (text === 'null') {
-        return new Nobody();
+/** The end that a text names; null for a text that names none. `label` is what a terminal is told as. */
+export function openEnd(text, label) {
+    switch (text) {
+        case 'null':
+            return new Nobody();
+        case 'stdio':
+            return new Stdio();
+        case 'pty':
+            return new Terminal(label);
     }
-    if (text === 'stdio') {
-        return new Stdio();
+    if (text.startsWith('file:')) {
+        return new File(text.slice(5));
     }
     const [path, ...options] = text.startsWith('unix:') ? text.slice(5).split(',') : [''];
     const isServer = options.includes('server=on');

@@ -7,6 +7,7 @@ export class Trace {
     constructor(machine, file) {
         this.file = openSync(file, 'w');
         this.lines = [];
+        this.last = new Map();
         const { chip } = machine;
         const note = (name, value) => this.note(chip.clock.nanos, name, value);
         chip.gpio.forEach((pin, i) => pin.addListener((value) => note(`gpio${i}`, value === HIGH ? 1 : 0)));
@@ -25,6 +26,10 @@ export class Trace {
     }
 
     note(nanos, name, value) {
+        if (this.last.get(name) === value && name !== 'reset') {
+            return;
+        }
+        this.last.set(name, value);
         this.lines.push(`${(nanos / 1000).toFixed(3)} ${name} ${value}\n`);
         if (this.lines.length > 1000) {
             this.flush();

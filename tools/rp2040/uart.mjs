@@ -60,6 +60,7 @@ export class Uart extends BasePeripheral {
         this.timeoutAlarm.cancel();
         this.out = [];
         this.shifting = -1;
+        this.sends = false;
         this.in = [];
         this.overrun = false;
         this.ibrd = this.fbrd = this.lcr = this.mask = this.raw = 0;
@@ -121,7 +122,10 @@ export class Uart extends BasePeripheral {
         if (this.out.length === this.sendLevel || (this.out.length === 0 && this.depth === 1)) {
             this.raw |= INT_TX;
         }
-        this.onWire(true);
+        if (!this.sends) {
+            this.sends = true;
+            this.onWire(true);
+        }
         this.sendAlarm.schedule(this.byteNanos);
     }
 
@@ -130,6 +134,7 @@ export class Uart extends BasePeripheral {
         this.shifting = -1;
         this.shiftNext();
         if (this.shifting < 0) {
+            this.sends = false;
             this.onWire(false);
         }
         if (!this.sendPins.some((pin) => this.rp2040.pinHas(pin, FUNCTION))) {
