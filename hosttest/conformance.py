@@ -65,8 +65,14 @@ CORTEX_M = {
 }
 MPS2 = Expected(lines=2, crashes=CORTEX_M)
 
-# ARMv6-M Architecture Reference Manual, B1.5: every fault is a HardFault, which does not know why
-CORTEX_M0 = {kind: Crash(HARD) for kind in ("address", "instruction")} | {"stack": Crash(HARD, place=False), "hang": Crash(WATCHDOG)}
+# ARMv6-M Architecture Reference Manual, B1.5: every fault is a HardFault, which does not know why; where its frame cannot be
+# pushed the processor locks up, and the watchdog ends that
+CORTEX_M0 = {
+    "address": Crash(HARD),
+    "instruction": Crash(HARD),
+    "stack": Crash(WATCHDOG, place=False),
+    "hang": Crash(WATCHDOG),
+}
 
 # RISC-V Privileged Architecture, 3.1.15: mcause
 RISCV = {
@@ -81,7 +87,7 @@ BOARDS = {
     "mps2_an386": MPS2,
     "mps2_an500": MPS2,
     "riscv_virt": Expected(lines=1, sending=False, crashes=RISCV),  # its UART takes no time to send
-    "rp2040_pico": Expected(lines=2, i2c=65535, flash=(4, 4096, 256), crashes=CORTEX_M0, pace=0.3,
+    "rp2040_pico": Expected(lines=2, i2c=65535, flash=(2, 4096, 256), crashes=CORTEX_M0, console=1, pace=0.3,
                             extra=("--memory", "80", "--flash", "{scratch}/flash", "--keep")),
     "linux": Expected(lines=2, emulated=False, console=None, sending=False, loses=False, watchdog=False),
     "template": Expected(lines=0, emulated=False, console=None, sending=False, loses=False, watchdog=False),
@@ -180,6 +186,12 @@ class Running:
     def ask(self, *order, seconds=20):
         self.tell(*order)
         return self.numbers(seconds)
+
+    def wait(self, us):
+        """So long by the board's own clock."""
+        end = self.ask("now")[0] + us
+        while self.ask("now")[0] < end:
+            time.sleep(0.1)
 
     def settle(self):
         """As after a start: nothing under way, nothing on the lines. False if it is not there any more."""

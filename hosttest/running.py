@@ -15,11 +15,11 @@ IMAGES = BUILD / "mps2_an385"
 class Emulator:
     """Lines 0 and 1 are the board's, 2 is its console."""
 
-    def __init__(self, image, scratch, board="mps2_an385", counting=False):
+    def __init__(self, image, scratch, board="mps2_an385", counting=False, extra=()):
         self.scratch = scratch
         paths = [scratch / f"line{i}" for i in range(3)]
         command = emulator.argv(board, BUILD / board / image, [f"unix:{path},server=on,wait=on" for path in paths],
-                                counting, f"unix:{scratch}/monitor,server=on,wait=off")
+                                counting, f"unix:{scratch}/monitor,server=on,wait=off", extra)
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.lines = [self.connect(path) for path in paths]
 
@@ -35,13 +35,18 @@ class Emulator:
                 time.sleep(0.05)
         raise RuntimeError(f"the emulator does not offer {path}")
 
-    def memory(self, address, length):
-        """Bytes of the board's memory, as the emulator's monitor saves them."""
+    def order(self, text):
+        """What the emulator's monitor answers to an order."""
         monitor = self.connect(self.scratch / "monitor")
         self.until_prompt(monitor)
-        monitor.sendall(f'pmemsave {address:#x} {length} "{self.scratch}/memory"\n'.encode())
-        self.until_prompt(monitor)
+        monitor.sendall(text.encode() + b"\n")
+        answer = self.until_prompt(monitor)
         monitor.close()
+        return answer
+
+    def memory(self, address, length):
+        """Bytes of the board's memory, as the emulator's monitor saves them."""
+        self.order(f'pmemsave {address:#x} {length} "{self.scratch}/memory"')
         return (self.scratch / "memory").read_bytes()
 
     @staticmethod
@@ -49,9 +54,15 @@ class Emulator:
         text = b""
         while not text.endswith(b"(qemu) "):
             text += monitor.recv(4096)
+        return text.decode().removesuffix("(qemu) ").strip()
 
     def close(self):
-        self.process.kill()
-        self.process.wait()
+        """Ends it; what the emulator keeps of the board it writes down then."""
+        self.process.terminate()
+        try:
+            self.process.wait(5)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
         for line in self.lines:
             line.close()

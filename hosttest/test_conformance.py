@@ -6,7 +6,7 @@ import threading
 import pytest
 
 import bench_firmware
-from conformance import BELOW_STACK, FAULTS, STATUS_UNSUPPORTED, UNSUPPORTED, on, pattern
+from conformance import BELOW_STACK, FAULTS, STATUS_UNSUPPORTED, UNSUPPORTED, WATCHDOG, on, pattern
 from conformance import board, keeper, name  # noqa: F401  (fixtures)
 from running import BUILD
 
@@ -160,7 +160,7 @@ def test_a_line_that_is_not_there_takes_and_gives_nothing(board):
         assert board.numbers()[:2] == [0, 0]
 
 
-@on(lambda expected: expected.console)
+@on(lambda expected: expected.console is not None)
 def test_the_console_prints(board):
     board.console.drain()
     board.ask_text("put", "a word")
@@ -192,13 +192,16 @@ def test_without_flash_every_call_is_unsupported(board):
 
 def crash(board, kind):
     """Makes it crash; the console's line and the record that the next start finds."""
-    if board.expected.console:
+    if board.console:
         board.console.drain()
-    if kind == "hang":
+    wanted = board.expected.crashes[kind]
+    if wanted.kind == WATCHDOG:
         assert board.ask("watch", 300000) == [1]
     board.tell("fault", FAULTS.index(kind), board.expected.nowhere)
     board.wait_started()
-    console = board.console.hear(5).decode().split("\n")[1].strip() if board.expected.console else ""
+    console = ""
+    while board.console and (wanted.kind != WATCHDOG or wanted.place) and not console.startswith("crash"):
+        console = board.console.take_line(5)
     return console, dict(zip(("kind", "pc", "lr", "sp", "status", "address", "count"), board.ask("crash")))
 
 
@@ -253,11 +256,12 @@ def test_without_a_watchdog_it_says_so(board):
 
 # ---- Counted instructions, which budgets rest on
 
-@pytest.mark.parametrize("image", sorted(BUILD.glob("*/count.elf")), ids=lambda image: image.parent.name)
-def test_instruction_counts_are_right_and_repeatable(image):
+@on(lambda expected: expected.emulated)
+def test_instruction_counts_are_right_and_repeatable(name):
+    image = BUILD / name / "count.elf"
     first = bench_firmware.count(image)
     assert first == bench_firmware.count(image)
-    assert first["nothing"] <= 80  # the call, and a tick
+    assert first["nothing"] <= 120  # the call, and a tick
     for turns in (1000, 100000, 10000000):
         interrupts = 2 * turns / 1e6 * 40
-        assert 0 <= first[f"turns_{turns}"] - 2 * turns <= 80 + interrupts
+        assert 0 <= first[f"turns_{turns}"] - 2 * turns <= 120 + interrupts

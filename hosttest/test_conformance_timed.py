@@ -123,7 +123,7 @@ def test_requests_closer_than_the_silence_are_not_taken_for_two(board):
 @on(lambda expected: expected.watchdog)
 def test_a_fed_watchdog_does_not_bite(board):
     assert board.ask("watch", 400000) == [1]
-    time.sleep(1.3 / board.expected.pace)
+    board.wait(1300000)
     assert board.ask_text("crash") == "none"
     board.tell("reset")
     board.wait_started()

@@ -142,8 +142,8 @@ static void spin(uint64_t us) {
         feed();
 }
 
-// wake LINE BUSY_US SLEEP_US: after "ready" busy for a while, then asleep until a byte comes or SLEEP_US have passed. How
-// long it slept, and how many bytes were there then.
+// wake LINE BUSY_US SLEEP_US: after "ready" busy for a while, then asleep until a byte comes or SLEEP_US have passed.
+// How long it slept, and how many bytes were there then.
 static void wake(const uint32_t *argument, const char *rest) {
     (void)rest;
     say("ready\n");
@@ -172,8 +172,8 @@ static bool goes_on(uint64_t since_us, uint32_t seen) {
     return now_us() - since_us < PATIENCE_US;
 }
 
-// echo LINE COUNT CHUNK: sends the next COUNT bytes back, reading at most CHUNK at a time. How many there were, how many
-// of all were lost.
+// echo LINE COUNT CHUNK: sends the next COUNT bytes back, reading at most CHUNK at a time. How many there were, how
+// many of all were lost.
 static void echo(const uint32_t *argument, const char *rest) {
     const size_t chunk = argument[2] < sizeof in ? argument[2] : sizeof in;
     uint32_t done = 0;
@@ -249,8 +249,8 @@ static void fill_out(uint64_t from) {
         out[i] = pattern(from + i);
 }
 
-// fill LINE: writes the pattern until a write takes less than it was given. Behind a new line: bytes taken in all, by the
-// last write, and given to it.
+// fill LINE: writes the pattern until a write takes less than it was given. Behind a new line: bytes taken in all, by
+// the last write, and given to it.
 static void fill(const uint32_t *argument, const char *rest) {
     uint64_t all = 0;
     size_t taken = sizeof out;
@@ -268,7 +268,7 @@ static void fill(const uint32_t *argument, const char *rest) {
 }
 
 // write LINE COUNT: all of the pattern. Whether it was sent right behind the last write, after how many microseconds it
-// was, and whether it stayed so; and whether it was before.
+// was, and whether it stayed so.
 static void write_all(const uint32_t *argument, const char *rest) {
     (void)rest;
     fill_out(0);
@@ -378,8 +378,8 @@ static void serve_once(struct serving *serving, uint32_t line) {
         canopy_modbus_rtu_server_sent(&serving->server, write_line(line, reply, length), at_us);
 }
 
-// serve LINE SILENCE_US US: a server, unit 1, after "ready" until something is written, or for so long. Its frames and errors, its answers, and the
-// shortest and longest time from a request's last byte to its answer's first.
+// serve LINE SILENCE_US US: a server, unit 1, after "ready" until something is written, or for so long. Its frames and
+// errors, its answers, and the shortest and longest time from a request's last byte to its answer's first.
 static void serve(const uint32_t *argument, const char *rest) {
     static struct serving serving;
     const struct canopy_modbus_bank bank = {.context = &serving.done, .read = read_bank, .write = write_bank};

@@ -161,7 +161,18 @@ void canopy_board_sleep(uint64_t due_us, uint32_t seen) {
     canopy_cortexm_idle(seen);
 }
 
-void canopy_board_reset(void) { canopy_rp2040_reset(); }
+// Bounded, as with canopy_board_put. What was printed last is still on the wire, and a reset would cut it.
+static void wait_printed(void) {
+    for (uint32_t i = 0; i < 100000u && (canopy_rp2040_get(RP2040_UART1 + RP2040_UART_FR) & RP2040_UART_FR_BUSY) != 0;
+         i++)
+        ;
+}
+
+void canopy_board_reset(void) {
+    if (chip_runs)
+        wait_printed();
+    canopy_rp2040_reset();
+}
 
 // SysTick counts processor clocks; an emulator that counts lets one pass an instruction. The first call starts it: what
 // the station does not use does not wake it.
