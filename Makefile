@@ -4,7 +4,7 @@
 BUILD ?= build
 BOARD ?= mps2_an385
 ifeq (,$(wildcard boards/$(BOARD)/board.h boards/$(BOARD)/main.c))
-$(error BOARD=$(BOARD) is no board: give one of $(notdir $(patsubst %/,%,$(wildcard boards/*/))))
+$(error BOARD=$(BOARD) is no board: give one of $(notdir $(patsubst %/,%,$(filter-out boards/common/,$(wildcard boards/*/)))))
 endif
 SECONDS ?= 60
 PYTHON := /usr/bin/python3# Debian's own, which has the packages that tools/setup installs
@@ -194,7 +194,7 @@ define board_rules
 $(1)_LINK := $(BOARD_CROSS)gcc $(BOARD_CPU) $(BOARD_SPECS) $(FW_LINK) -Tlinker/$(BOARD_CHIP).ld
 $(1)_SETUP := setup-$(BOARD_SETUP)
 $(1)_FINISH := $(BOARD_FINISH)
-$(1)_PARTS := $(patsubst %.c,$(BUILD)/$(1)/obj/%.o,$(sort $(filter-out boards/$(1)/main.c,$(wildcard boards/$(1)/*.c)) \
+$(1)_PARTS := $(patsubst %.c,$(BUILD)/$(1)/obj/%.o,$(sort $(filter-out boards/$(1)/main.c,$(wildcard boards/common/*.c boards/$(1)/*.c)) \
     $(foreach p,common $(BOARD_PORTS),$(filter-out $(call other_board,$(p)),$(wildcard port/$(p)/*.c)))))
 $(1)_STATIONS := $(patsubst %,$(BUILD)/$(1)/%.elf,$(if $(wildcard boards/$(1)/main.c),canopy $(BOARD_GRIDS:%=canopy-%)))
 $(1)_UNITS := $(BOARD_UNITS:%=$(BUILD)/$(1)/%.elf)
