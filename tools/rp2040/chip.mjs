@@ -6,6 +6,7 @@ import { Core } from './core.mjs';
 import { Fault, Violation, hex } from './faults.mjs';
 import { I2c } from './i2c.mjs';
 import { RESET_OF, Words, XipControl } from './memory-map.mjs';
+import { Pll, Xosc } from './oscillators.mjs';
 import { Ppb } from './ppb.mjs';
 import { BLOCKS, Resets } from './resets.mjs';
 import { Ssi } from './ssi.mjs';
@@ -72,12 +73,16 @@ export class Chip extends RP2040 {
         this.resets = new Resets(this);
         this.uart = [new Uart(this, 0, IRQ.UART0), new Uart(this, 1, IRQ.UART1)];
         this.i2c = [new I2c(this, 0, IRQ.I2C0), new I2c(this, 1, IRQ.I2C1)];
+        this.pllSys = new Pll(this, 'PLL_SYS');
+        this.xosc = new Xosc(this);
         this.chipReset = new Words(this, 'VREG_AND_CHIP_RESET', [[0, 0xb1], [4, 9], [8, 1 << 8]]);
         Object.assign(this.peripherals, {
             0x14000: new XipControl(this),
             0x18000: this.ssi,
             0x4000c: this.resets,
             0x40018: new Words(this, 'IO_QSPI', Array.from({ length: 12 }, (_, i) => [4 * i, i % 2 ? NO_FUNCTION : 0])),
+            0x40024: this.xosc,
+            0x40028: this.pllSys,
             0x40034: this.uart[0],
             0x40038: this.uart[1],
             0x40044: this.i2c[0],
@@ -104,6 +109,17 @@ export class Chip extends RP2040 {
         const ticks = tick.current;
         this.clock.setFrequency(hz);
         tick.goOn(ticks);
+    }
+
+    updateClocks() {
+        super.updateClocks();
+        const { refCtrl, sysCtrl } = this.clocks;
+        if ((refCtrl & 3) === 2 && !this.xosc.isStable) {
+            throw new Violation('clk_ref is taken from the crystal before it is stable');
+        }
+        if ((sysCtrl & 0xe1) === 1 && !this.pllSys.isLocked) {
+            throw new Violation('clk_sys is taken from a PLL that is not locked');
+        }
     }
 
     updateClkPeri() {
@@ -150,7 +166,7 @@ export class Chip extends RP2040 {
         } else if (name === 'SYSCFG') {
             this.core.interruptNMIMask = 0;
         } else if (name === 'PLL_SYS') {
-            Object.assign(this.pllSys, { cs: 1, pwr: 0x2d, fbdivInt: 0, prim: 0x77000 });
+            this.pllSys.restart();
         } else {
             units[name]?.restart();
         }

@@ -19,5 +19,6 @@ export const { RP2040 } = await load('rp2040.js');
 export const { CortexM0Core } = await load('cortex-m0-core.js');
 export const { SimulationClock } = await load('clock/simulation-clock.js');
 export const { BasePeripheral } = await load('peripherals/peripheral.js');
+export const { RPPLL } = await load('peripherals/pll.js');
 export const { RPPPB } = await load('peripherals/ppb.js');
 export const { IRQ } = await load('irq.js');

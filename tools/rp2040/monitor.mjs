@@ -2,6 +2,7 @@
 //
 //     pmemsave ADDRESS LENGTH "FILE"   saves memory        fault NAME[=VALUE]   sets one (fault none: takes all back)
 //     counters                         one line of JSON    quit
+//     write ADDRESS HALFWORD           jump ADDRESS: the next instruction comes from there (to see how a crash ends)
 import { writeFileSync } from 'node:fs';
 
 const PROMPT = '(qemu) ';
@@ -35,11 +36,19 @@ export class Monitor {
 
     obey(line) {
         const [order, ...words] = line.split(' ');
+        const { chip } = this.machine;
         switch (order) {
             case 'pmemsave':
                 return this.save(Number(words[0]), Number(words[1]), line.slice(line.indexOf('"') + 1, line.lastIndexOf('"')));
             case 'fault':
                 return this.setFault(words[0] ?? '');
+            case 'write':
+                chip.writeUint16(Number(words[0]), Number(words[1]));
+                return '';
+            case 'jump':
+                chip.core.PC = Number(words[0]);
+                chip.core.waiting = false;
+                return '';
             case 'counters':
                 return JSON.stringify(this.counters);
             case 'quit':
