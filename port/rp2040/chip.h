@@ -7,9 +7,9 @@
 #define CANOPY_RP2040_CRYSTAL_HZ 12000000u
 #define CANOPY_RP2040_CLOCK_HZ 125000000u
 
-/// Starts the crystal (1 ms), PLL_SYS and from it clk_sys and clk_peri at 125 MHz, clk_ref and the microsecond tick from
-/// the crystal; holds processor 1 in reset; takes timer, pins and SYSCFG out of theirs. It can be called again.
-/// Without a crystal it does not return.
+/// Starts the crystal (1 ms), PLL_SYS and from it clk_sys and clk_peri at 125 MHz, clk_ref and the microsecond tick
+/// from the crystal; holds processor 1 in reset; takes timer, pins and SYSCFG out of theirs. Call it once: pins and
+/// timer start anew. Without a crystal it does not return.
 void canopy_rp2040_start_chip(void);
 
 /// Resets blocks (RP2040_RESET_...), takes them out of reset and waits until they are.

@@ -35,7 +35,7 @@ static void end_sending(const struct canopy_pl011 *uart) {
 static void send_next(struct canopy_pl011 *uart) {
     uint8_t byte;
     while (!is_full(uart) && canopy_byte_ring_take(&uart->sending, &byte)) {
-        const uint64_t now = now_q8();
+        const uint64_t now = now_q8() + 256u;  // the clock may be about to step
         uart->free_q8 = (now > uart->free_q8 ? now : uart->free_q8) + uart->byte_q8;
         put(uart, RP2040_UART_DR, byte);
     }

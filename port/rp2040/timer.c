@@ -27,9 +27,12 @@ void canopy_rp2040_set_alarm(uint32_t number, uint64_t at_us) {
     canopy_rp2040_clear_alarm(number);
     canopy_rp2040_put(RP2040_TIMER_ALARM(number), (uint32_t)at_us);
     canopy_rp2040_set(RP2040_TIMER_INTE, 1u << number);
-    // It goes off when the clock becomes equal: one that is passed, or was while it was written, is raised by hand.
-    if (canopy_rp2040_now_us() >= at_us)
+    // It goes off when the clock becomes equal: one that had passed before it was written, and so is armed still, is
+    // raised by hand.
+    if (canopy_rp2040_now_us() >= at_us && (canopy_rp2040_get(RP2040_TIMER_ARMED) & 1u << number) != 0) {
+        canopy_rp2040_put(RP2040_TIMER_ARMED, 1u << number);
         canopy_rp2040_set(RP2040_TIMER_INTF, 1u << number);
+    }
 }
 
 void canopy_rp2040_clear_alarm(uint32_t number) {
