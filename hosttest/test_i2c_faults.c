@@ -1,5 +1,6 @@
-// The driver against the sweep over an I2C bus that fails in every way it can: no faulted reading is ever delivered as a
-// height. What is turned on the wire stays within what the check sum is sure to find (up to three bits of a transfer).
+// The driver against the sweep over an I2C bus that fails in every way it can: no faulted reading is ever delivered as
+// a height. What is turned on the wire stays within what the check sum is sure to find (up to three bits of a
+// transfer).
 #include <inttypes.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,8 +1,8 @@
 // The driver against the sweep through a bad channel: no faulted reading is ever delivered as a height.
 //
 // The channel keeps the order of answers, as a serial line does, and is otherwise as bad as can be: it loses, cuts and
-// delays answers beyond the timeout, and the carrier never throws a late one away, but takes whatever comes next for the
-// answer.
+// delays answers beyond the timeout, and the carrier never throws a late one away, but takes whatever comes next for
+// the answer.
 #include <inttypes.h>
 #include <setjmp.h>
 #include <stdarg.h>

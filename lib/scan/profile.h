@@ -124,8 +124,7 @@ struct canopy_profile_counters {
     uint32_t dropped;     ///< reads given up after all repetitions
     uint32_t unexpected;  ///< answers nobody had asked for; ignored
     uint32_t failures[CANOPY_SCAN_FAILURES];  ///< failed reads, by reason
-    uint32_t
-        last_failure;  ///< no counter: the reason of the last one, 1 + enum canopy_scan_failure; 0: none has failed
+    uint32_t last_failure;  ///< no counter: why the last one failed, 1 + enum canopy_scan_failure; 0: none has
 };
 
 struct canopy_profile_config {
@@ -169,8 +168,8 @@ struct canopy_profile_driver {
 enum canopy_status canopy_profile_init(struct canopy_profile_driver *driver, const struct canopy_profile_config *config,
                                        void *arena, size_t bytes, uint64_t now_us);
 
-/// The same for a table that canopy_scan_table_ok has been asked about before it was built in, as the library's own have
-/// been by its tests: without looking at it again, which is 0.6 KB of a Cortex-M0+.
+/// The same for a table that canopy_scan_table_ok has been asked about before it was built in, as the library's own
+/// have been by its tests: without looking at it again, which is 0.6 KB of a Cortex-M0+.
 enum canopy_status canopy_profile_init_known(struct canopy_profile_driver *driver,
                                              const struct canopy_profile_config *config, void *arena, size_t bytes,
                                              uint64_t now_us);
