@@ -2,6 +2,7 @@
 //
 //     pmemsave ADDRESS LENGTH "FILE"   saves memory        fault NAME[=VALUE]   sets one (fault none: takes all back)
 //     counters                         one line of JSON    quit
+//     bus                              what was heard on the I2C bus since the last of these (wire.mjs, note)
 //     write ADDRESS HALFWORD           jump ADDRESS: the next instruction comes from there (to see how a crash ends)
 import { writeFileSync } from 'node:fs';
 
@@ -51,6 +52,8 @@ export class Monitor {
                 return '';
             case 'counters':
                 return JSON.stringify(this.counters);
+            case 'bus':
+                return this.wire.heard.splice(0).join(' ');
             case 'quit':
                 process.exit(0);
                 return '';

@@ -4,6 +4,7 @@
 // the firmware moves them as pins to free the bus.
 const GPIO_LOW = 0; // rp2040js' GPIOPinState.Low
 const NANOS = 1000;
+const NOTED = 4096;
 
 /** name[=value] of a fault: what it does is said in `node run.mjs --help`. */
 const FAULTS = {
@@ -38,6 +39,8 @@ export class Wire {
         this.written = 0;
         this.readBytes = 0;
         this.recoveryClocks = 0;
+        this.heard = []; // what a bus monitor notes; see note()
+        this.isOpen = false; // between START and STOP
         for (const pin of Object.values(this.pins)) {
             pin.addListener(() => this.update());
         }
@@ -78,8 +81,7 @@ export class Wire {
             this.clocked();
         }
         if (now.scl && before.scl && now.sda !== before.sda) {
-            this.selected?.stop(); // a START or STOP by hand ends whatever a device was at
-            this.selected = null;
+            this.stop(); // a START or STOP by hand ends whatever a device was at
         }
         this.controllers.forEach((controller) => controller.linesMoved());
     }
@@ -129,27 +131,45 @@ export class Wire {
 
     // ---- Bytes, as a controller moves them
 
+    /** S START, R repeated START, both with address and r or w; w and r bytes; P STOP; ! behind what was not acknowledged. */
+    note(kind, byte, isAcknowledged = true) {
+        const hex = byte === undefined ? '' : byte.toString(16).padStart(2, '0');
+        this.heard.push(`${kind}${hex}${isAcknowledged ? '' : '!'}`);
+        this.heard.splice(0, this.heard.length - NOTED);
+    }
+
     /** The device of an address is asked: true if it answers. */
     select(address, reading) {
         this.selected?.stop();
         this.selected = this.faults.absent ? null : (this.devices.get(address) ?? null);
         this.written = 0;
-        return this.selected !== null && this.selected.start(reading);
+        const answers = this.selected !== null && this.selected.start(reading);
+        this.note(`${this.isOpen ? 'R' : 'S'}${reading ? 'r' : 'w'}`, address, answers);
+        this.isOpen = true;
+        return answers;
     }
 
     write(byte) {
         this.written++;
-        return this.written !== this.faults['nak-byte'] && this.selected.write(byte);
+        const isTaken = this.written !== this.faults['nak-byte'] && this.selected.write(byte);
+        this.note('w', byte, isTaken);
+        return isTaken;
     }
 
     read() {
         this.readBytes++;
         const byte = this.selected === null ? 0xff : this.selected.read();
         const turned = this.faults.flip > 0 && this.readBytes % this.faults.flip === 0 ? 1 << this.readBytes % 8 : 0;
-        return this.sda ? byte ^ turned : 0;
+        const seen = this.sda ? byte ^ turned : 0;
+        this.note('r', seen);
+        return seen;
     }
 
     stop() {
+        if (this.isOpen) {
+            this.note('P');
+        }
+        this.isOpen = false;
         this.selected?.stop();
         this.selected = null;
     }
