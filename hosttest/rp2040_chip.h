@@ -53,7 +53,7 @@ struct chip_device {
 /// A DW_apb_i2c as a master.
 struct chip_i2c {
     uint32_t control, target, enable, mask, raw, send_level, low, high, spike, hold, source;
-    uint16_t commands[16], got[16];
+    uint16_t commands[16], current, got[16];
     uint32_t command_count, got_count, most_got;
     bool active, reading, bus_taken, broken_off;
     uint32_t bytes, written;  // of this transfer, since START
@@ -239,9 +239,7 @@ static void chip_i2c_byte_done(struct chip_i2c *c) {
         }
         return;
     }
-    const uint16_t command = c->commands[0];
-    memmove(c->commands, c->commands + 1, sizeof c->commands - sizeof c->commands[0]);
-    c->command_count--;
+    const uint16_t command = c->current;
     if ((command & RP2040_I2C_CMD_READ) != 0) {
         assert_true(c->got_count < 16);  // an overflow
         c->got[c->got_count++] = d->memory[d->pointer++];
@@ -284,6 +282,11 @@ static void chip_i2c_next(struct chip_i2c *c) {
         chip.device.holds_clock = true;
         chip_follow_lines();
         return;
+    }
+    if (c->bus_taken) {  // it leaves the FIFO as it begins
+        c->current = c->commands[0];
+        memmove(c->commands, c->commands + 1, sizeof c->commands - sizeof c->commands[0]);
+        c->command_count--;
     }
     c->done_ns = chip.now_ns + chip_i2c_byte_ns(c);
 }
