@@ -53,6 +53,7 @@ struct i2c_bus {
     uint16_t max_transfer;
     // What happened
     uint32_t transfers;    ///< begun
+    uint32_t bytes;        ///< that went over the wire, addresses included
     uint32_t recoveries;   ///< times the bus was freed by clocks
     uint32_t timeout_us;   ///< of the last transfer
     uint8_t address;       ///< of the last transfer
@@ -181,6 +182,7 @@ static inline void i2c_bus_byte(struct i2c_bus *bus) {
         break;
     }
     bus->at++;
+    bus->bytes++;
     if (done)
         i2c_bus_next_phase(bus);
 }

@@ -155,6 +155,21 @@ static void a_good_bus_loses_nothing(void **state) {
     }
 }
 
+// What docs/scanners.md says of the time that a profile takes.
+static void a_profile_of_400_columns_is_four_transfers_of_844_bytes(void **state) {
+    (void)state;
+    static struct world world;
+    world = (struct world){.random = 1};
+    lattice_make(&world.scene, 400, 12);
+    const struct canopy_sweep_options options = {.unit = 1, .seed = 1};
+    start(&world, &options, UINT16_MAX);
+    run(&world, 12);
+    const uint32_t description = 6 + 2 * CANOPY_GENERIC_D_COUNT + 2;
+    assert_int_equal(world.bus.transfers, 1 + 12 * 4);
+    assert_int_equal(world.bus.bytes, description + 12 * 844);
+    finish(&world);
+}
+
 // 300 scanners and buses: widths, faults of scanner and bus, profiles on demand and by the clock.
 static void nothing_wrong_comes_over_a_bad_bus(void **state) {
     (void)state;
@@ -198,6 +213,7 @@ static void nothing_wrong_comes_over_a_bad_bus(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_good_bus_loses_nothing),
+        cmocka_unit_test(a_profile_of_400_columns_is_four_transfers_of_844_bytes),
         cmocka_unit_test(nothing_wrong_comes_over_a_bad_bus),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

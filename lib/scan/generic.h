@@ -24,7 +24,7 @@
 /// - STOP and START instead of the repeated START are as good.
 ///
 /// Example: registers 0 and 1, the magic, tag 1: 52 00 00 02 01 | 53 43 4E 50 53 7D 3F.
-/// A profile of 400 columns is 4 transfers of 864 bytes and 9 bits each: 19.5 ms at 400 kHz.
+/// A profile of 400 columns is 4 transfers, together 844 bytes of 9 bits: 19 ms at 400 kHz.
 #ifndef CANOPY_SCAN_GENERIC_H
 #define CANOPY_SCAN_GENERIC_H
 
