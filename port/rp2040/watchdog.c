@@ -54,9 +54,10 @@ struct canopy_watchdog canopy_rp2040_watchdog(void) {
 }
 
 void canopy_rp2040_watchdog_hold(void) {
+    if (period == 0)
+        return;
     warn(false);
-    if (period != 0)
-        load(CANOPY_RP2040_WATCHDOG_MOST_US);
+    load(CANOPY_RP2040_WATCHDOG_MOST_US);
 }
 
 void canopy_rp2040_watchdog_resume(void) {
