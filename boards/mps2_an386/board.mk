@@ -8,4 +8,4 @@ BOARD_CHIP := mps2_an386
 BOARD_STACK := 4096
 BOARD_GRIDS := 10x10
 # Of hosttest/firmware
-BOARD_PROGRAMS := belt conformance count cycles query ray sandwich
+BOARD_PROGRAMS := belt conformance count cycles query ray sandwich tight

@@ -24,14 +24,14 @@ static int32_t noise(uint32_t x, uint32_t y, unsigned log2) {
     return (int32_t)(((uint64_t)low * (size - t) + (uint64_t)high * t) >> (2 * log2));
 }
 
-static int32_t hills(uint32_t x, uint32_t y) {
+static inline int32_t hills(uint32_t x, uint32_t y) {
     int32_t height = 0;
     for (unsigned octave = 0; octave < 6; octave++)
         height += noise(x, y, 7 - octave) >> octave;
     return height / 16;
 }
 
-static int32_t boxes(uint32_t x, uint32_t y) {
+static inline int32_t boxes(uint32_t x, uint32_t y) {
     const uint32_t part = hash(x / 57, y / 61);
     const bool inside = x % 57 > 10 && y % 61 > 12 && (part & 3) != 0;
     return (inside ? 1000 + (int32_t)(part >> 8 & 0x7FF) : 0) + (int32_t)(hash(x, y) & 15);

@@ -21,7 +21,8 @@
 /// *Published* is what stands in the caller's coefficients, and it is always safe: an iterate is rounded to whole
 /// steps, every constraint is recomputed from those whole coefficients with a bounded error, and where something is
 /// missing the 4 x 4 coefficients of that knot cell are raised by it, which lowers the surface nowhere. Only then, and
-/// only if its mean gap is smaller, does it replace what was published before, beginning with the caller's own start.
+/// only if its mean gap is smaller, does it replace what was published before, beginning with the caller's own start. An
+/// iterate that would gain less than 3 % is not tried, unless it is the last.
 ///
 /// Any dual y >= 0 proves a lower bound of the optimum. With r = c - A'y and l <= x <= u the reach,
 ///     c x* >= b y + sum_j min(r_j l_j, r_j u_j) = c x - [ s y + sum_j max(r_j (x_j - l_j), r_j (x_j - u_j)) ],
@@ -162,7 +163,7 @@ struct canopy_tighten {
     struct canopy_tighten_points *blocks;
     float *half_low;         // lowest height of each half-knot cell, 2 x 2 for each knot cell
     uint8_t *live;           // 1 where a knot cell has constraints
-    uint8_t *flagged;        // 1 where the candidate is to be looked at closely
+    uint8_t *flagged;        // where the candidate is to be looked at closely
     float (*lattice[2])[4];  // weights of Bernstein coefficients: 7 of half knot cells, then those of the field's cells
     struct canopy_tighten_rows *rows;
     uint32_t row_count, offered;  // in use; behind the end, backwards, those to be added
@@ -181,6 +182,9 @@ struct canopy_tighten {
     float least;                             // least slack that a look found
     float alpha[2], aim[2];                  // step lengths, primal and dual; those that a corrector aims at
     uint8_t corrections;                     // centrality correctors of this iteration so far
+    float candidate_gap;                     // about what the candidate would have, before it is looked at
+    bool pending;                            // it has not been looked at
+    bool ending;                             // nothing comes after it
     bool lid;                                // the start was of no use as an iterate
     bool safe;
 };

@@ -71,6 +71,7 @@ enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t 
     t->b = coefficients;
     t->safe = safe;
     t->lid = false;
+    t->pending = t->ending = false;
     t->iterations = 0;
     t->published = 0;
     t->bound = 0;

@@ -41,6 +41,10 @@
 #define CANOPY_TIGHTEN_ERROR 0x1p-16f
 #define CANOPY_TIGHTEN_ERROR_REACH 2.5f
 
+// Flags of knot cells in which something may have to be made good: at the present iterate, and where a step leads.
+#define CANOPY_TIGHTEN_FLAG_HERE 1
+#define CANOPY_TIGHTEN_FLAG_THERE 2
+
 // The second where the first is no number.
 static inline float larger(float a, float b) { return a > b ? a : b; }
 static inline float smaller(float a, float b) { return a < b ? a : b; }
@@ -161,7 +165,8 @@ void canopy_tighten_publish_start(struct canopy_tighten *t);
 void canopy_tighten_begin_start(struct canopy_tighten *t);
 void canopy_tighten_raise_start(struct canopy_tighten *t);
 void canopy_tighten_mend_start(struct canopy_tighten *t);
-void canopy_tighten_round(struct canopy_tighten *t);
+void canopy_tighten_consider(struct canopy_tighten *t);
+void canopy_tighten_end(struct canopy_tighten *t);
 void canopy_tighten_raise_candidate(struct canopy_tighten *t);
 void canopy_tighten_mend_candidate(struct canopy_tighten *t);
 float canopy_tighten_lid(const struct canopy_tighten *t);

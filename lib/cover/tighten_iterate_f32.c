@@ -46,12 +46,11 @@ void canopy_tighten_go(struct canopy_tighten *t, enum canopy_tighten_stage stage
         memset(t->g[0], 0, bytes);
         memset(t->g[1], 0, bytes);
         break;
-    case CANOPY_TIGHTEN_START: memset(t->flagged, 1, canopy_tighten_cells(t)); break;
     case CANOPY_TIGHTEN_CHOOSE:
-    case CANOPY_TIGHTEN_LOOK:
-        memset(t->flagged, 0, canopy_tighten_cells(t));
         t->offered = 0;
-        break;
+        // fall through
+    case CANOPY_TIGHTEN_START: memset(t->flagged, CANOPY_TIGHTEN_FLAG_HERE, canopy_tighten_cells(t)); break;
+    case CANOPY_TIGHTEN_LOOK: t->offered = 0; break;
     default: break;
     }
 }
@@ -103,7 +102,7 @@ void canopy_tighten_first_duals(struct canopy_tighten *t) {
 
 // A little more is done where the bound is not as near yet as it could be.
 static bool is_enough(const struct canopy_tighten *t) {
-    const float gap = t->mean_gap, left = t->comp * t->range;
+    const float gap = t->pending ? t->candidate_gap : t->mean_gap, left = t->comp * t->range;
     return t->iterations >= CANOPY_TIGHTEN_ITERATIONS || left < NOTHING * gap ||
            (left < ENOUGH * gap && t->bound > (1.0f - PROVED) * gap) ||
            (t->iterations > 0 && t->alpha[0] < STALLED && t->alpha[1] < STALLED);
@@ -129,7 +128,7 @@ void canopy_tighten_finish_measure(struct canopy_tighten *t) {
         *diagonal = t->seen[j] ? *diagonal + RIDGE * trace / (float)count : 1.0f;
     }
     if (is_enough(t)) {
-        canopy_tighten_begin_bend(t);
+        canopy_tighten_end(t);
         return;
     }
     t->mean = t->mu = t->comp / (float)constraints;
@@ -207,7 +206,7 @@ static void begin_look(struct canopy_tighten *t) {
         canopy_tighten_drop_rows(t);
         canopy_tighten_go(t, CANOPY_TIGHTEN_LOOK);
     } else {
-        canopy_tighten_begin_bend(t);
+        canopy_tighten_end(t);
     }
 }
 
@@ -291,14 +290,23 @@ void canopy_tighten_finish_accept(struct canopy_tighten *t) {
     }
 }
 
+// Flags are where the step leads; where it is shortened, every slack is between those at its two ends, and flags are of
+// both.
+static void move_flags(struct canopy_tighten *t, bool shortened) {
+    for (uint32_t cell = 0; cell < canopy_tighten_cells(t); cell++) {
+        const uint8_t flags = t->flagged[cell];
+        const bool flagged = (flags & CANOPY_TIGHTEN_FLAG_THERE) != 0 || (shortened && flags != 0);
+        t->flagged[cell] = flagged ? CANOPY_TIGHTEN_FLAG_HERE : 0;
+    }
+}
+
 // The iterate after the step, which a constraint not in use may have shortened. The rows' duals follow when they are
 // measured.
 void canopy_tighten_take_step(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
-    if (t->most[0] > 1.0f) {
-        t->alpha[0] *= HELD / t->most[0];
-        memset(t->flagged, 1, canopy_tighten_cells(t));
-    }
+    const bool held = t->most[0] > 1.0f;
+    t->alpha[0] *= held ? HELD / t->most[0] : 1.0f;
+    move_flags(t, held);
     for (size_t j = 0; j < count; j++) {
         t->x[j] += t->alpha[0] * t->step[j];
         for (int k = 0; k < SIDES; k++) {
@@ -309,6 +317,5 @@ void canopy_tighten_take_step(struct canopy_tighten *t) {
     const float part = smaller(t->alpha[0], t->alpha[1]);
     t->mu = part * t->mu + (1.0f - part) * t->mean;
     t->iterations++;
-    canopy_tighten_round(t);
-    canopy_tighten_go(t, CANOPY_TIGHTEN_PUBLISH);
+    canopy_tighten_consider(t);
 }

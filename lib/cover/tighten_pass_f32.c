@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "lib/cover/tighten_f32.h"
+#include "lib/num/fma_f32.h"
 
 #define DUAL_LEAST 1e-30f
 #define SHARE_LEAST 1e-6f  // of the largest of a knot cell: less is not felt in the matrix
@@ -147,6 +148,7 @@ struct sums {
     uint32_t cell;
     uint8_t wanted;                   // how many of the next
     bool squares;                     // whether the last is wanted
+    bool ends[2][2];                  // whether the cell is at an end of an axis
     float sum[2][4][4];               // of r times weights
     float largest;                    // r[1] of the cell
     float square[PAIRS][PAIRS_ROOM];  // of r[1] times products of two weights
@@ -162,23 +164,58 @@ static float value_at(const struct canopy_tighten *t, struct reading *from, uint
     float value = 0;
     for (int a = 0; a < 4; a++) {
         const float *c = from->patch.c[a];
-        value += u[a] * ((c[0] * v[0] + c[1] * v[1]) + (c[2] * v[2] + c[3] * v[3]));
+        const float part =
+            canopy_add_product_f32(c[0] * v[0], c[1], v[1]) + canopy_add_product_f32(c[2] * v[2], c[3], v[3]);
+        value = canopy_add_product_f32(value, u[a], part);
     }
     return value;
 }
 
+// Four rows of the matrix, by four coefficients that begin with `first`; of those on the diagonal the lower triangle.
+static void add_block(float *const row[4], const uint32_t *to, const float *sum, bool whole) {
+    const uint32_t a = to[0], b = to[1], c = to[2], d = to[3];
+    if (whole) {
+        row[0][b] += sum[1];
+        row[0][c] += sum[2];
+        row[0][d] += sum[3];
+        row[1][c] += sum[5];
+        row[1][d] += sum[6];
+        row[2][d] += sum[8];
+    }
+    row[0][a] += sum[0];
+    row[1][a] += sum[1];
+    row[1][b] += sum[4];
+    row[2][a] += sum[2];
+    row[2][b] += sum[5];
+    row[2][c] += sum[7];
+    row[3][a] += sum[3];
+    row[3][b] += sum[6];
+    row[3][c] += sum[8];
+    row[3][d] += sum[9];
+}
+
+// The lower triangle: no weight is left on a coefficient that is repeated, so that two of a patch are never the same.
 static void add_to_matrix(struct canopy_tighten *t, const struct sums *from, const uint32_t index[16]) {
     const size_t stride = CANOPY_TIGHTEN_BAND(t->frame.size[1]);
-    for (int a = 0; a < 16; a++) {
-        const uint32_t i = index[a];
-        float *diagonal = t->matrix + (size_t)i * stride + (stride - 1);
-        for (int b = 0; b < 16; b++) {
-            const uint32_t j = index[b];
-            if (j <= i) {
-                *(diagonal - (i - j)) += from->square[PAIR[a / 4][b / 4]][PAIR[a % 4][b % 4]];
-            }
+    for (int a = 0; a < 4; a++) {
+        float *row[4];
+        for (int b = 0; b < 4; b++) {
+            const uint32_t i = index[4 * a + b];
+            row[b] = t->matrix + (size_t)i * stride + (stride - 1) - i;
+        }
+        for (int k = 0; k <= a; k++) {
+            add_block(row, &index[4 * k], from->square[PAIR[a][k]], k < a);
         }
     }
+}
+
+static void turn_sums(const struct canopy_tighten *t, struct sums *to, uint32_t cell) {
+    const uint32_t down = t->frame.size[0] - 1U, across = t->frame.size[1] - 1U, h = cell / across;
+    to->cell = cell;
+    to->ends[0][0] = h == 0;
+    to->ends[0][1] = h + 1 == down;
+    to->ends[1][0] = cell == h * across;
+    to->ends[1][1] = cell + 1 == (h + 1) * across;
 }
 
 // Hands over what was added up, and begins with another cell.
@@ -196,10 +233,21 @@ static void turn_to(struct canopy_tighten *t, struct sums *from, uint32_t cell) 
         memset(from->square, 0, sizeof from->square);
         from->largest = 0;
     }
-    from->cell = cell;
+    turn_sums(t, from, cell);
 }
 
-static void find_pairs(const float w[4], float to[PAIRS_ROOM]) {
+// Where the first or the last coefficient of a patch is its neighbour again, that has the weight of both.
+static void find_pairs(const float weight[4], const bool ends[2], float to[PAIRS_ROOM]) {
+    float w[4];
+    memcpy(w, weight, sizeof w);
+    if (ends[0]) {
+        w[1] += w[0];
+        w[0] = 0;
+    }
+    if (ends[1]) {
+        w[2] += w[3];
+        w[3] = 0;
+    }
     for (int a = 0; a < 4; a++) {
         for (int b = a; b < 4; b++) {
             to[PAIR[a][b]] = w[a] * w[b];
@@ -213,19 +261,19 @@ static void add_row(struct sums *to, const float u[4], const float v[4], float r
         for (int a = 0; a < 4; a++) {
             const float r = (k == 0 ? r0 : r1) * u[a];
             for (int b = 0; b < 4; b++) {
-                to->sum[k][a][b] += r * v[b];
+                to->sum[k][a][b] = canopy_add_product_f32(to->sum[k][a][b], r, v[b]);
             }
         }
     }
     if (to->squares && r1 > SHARE_LEAST * to->largest) {
         to->largest = larger(to->largest, r1);
         float uu[PAIRS_ROOM], vv[PAIRS_ROOM];
-        find_pairs(u, uu);
-        find_pairs(v, vv);
+        find_pairs(u, to->ends[0], uu);
+        find_pairs(v, to->ends[1], vv);
         for (int a = 0; a < PAIRS; a++) {
             const float d = r1 * uu[a];
             for (int b = 0; b < PAIRS_ROOM; b++) {
-                to->square[a][b] += d * vv[b];
+                to->square[a][b] = canopy_add_product_f32(to->square[a][b], d, vv[b]);
             }
         }
     }
@@ -233,20 +281,41 @@ static void add_row(struct sums *to, const float u[4], const float v[4], float r
 
 // ---- Blocks
 
+// The four weights of each row along each axis, in the tables of the lattices or here.
 struct weights {
-    float u[LANES][4], v[LANES][4];
+    const float *u[LANES], *v[LANES];
+    float room[2][LANES][4];
 };
 
-static void find_weights(const struct canopy_tighten *t, const struct canopy_tighten_rows *rows, struct weights *to) {
-    float u[4][LANES], v[4][LANES];
-    canopy_tighten_lane_weights(t, 0, rows->s, u);
-    canopy_tighten_lane_weights(t, 1, rows->t, v);
+static bool are_tabled(const float place[LANES]) {
+    float most = -1.0f;
+    for (int l = 0; l < LANES; l++) {
+        most = larger(place[l], most);
+    }
+    return most < 0.0f;
+}
+
+static void find_axis(const struct canopy_tighten *t, int axis, const float place[LANES], const float *at[LANES],
+                      float room[LANES][4]) {
+    if (are_tabled(place)) {
+        for (int l = 0; l < LANES; l++) {
+            at[l] = t->lattice[axis][(uint32_t)(-1.0f - place[l])];
+        }
+        return;
+    }
+    float w[4][LANES];
+    canopy_tighten_lane_weights(t, axis, place, w);
     for (int l = 0; l < LANES; l++) {
         for (int a = 0; a < 4; a++) {
-            to->u[l][a] = u[a][l];
-            to->v[l][a] = v[a][l];
+            room[l][a] = w[a][l];
         }
+        at[l] = room[l];
     }
+}
+
+static void find_weights(const struct canopy_tighten *t, const struct canopy_tighten_rows *rows, struct weights *to) {
+    find_axis(t, 0, rows->s, to->u, to->room[0]);
+    find_axis(t, 1, rows->t, to->v, to->room[1]);
 }
 
 static bool is_nothing(const float *r) {
@@ -296,7 +365,7 @@ bool canopy_tighten_pass(struct canopy_tighten *t, enum canopy_tighten_pass pass
     struct results to = {{{0}}, {{0}}, {0}, {{0}}};
     struct reading from = {.surface = surface[pass], .cell = UINT32_MAX};
     struct sums sums = {.wanted = wanted[pass], .squares = pass == CANOPY_TIGHTEN_PASS_MEASURE};
-    sums.cell = t->at < end ? t->rows[t->at].cell[0] : 0;
+    turn_sums(t, &sums, t->at < end ? t->rows[t->at].cell[0] : 0);
     for (; t->at < end; t->at++) {
         pass_block(t, pass, &t->rows[t->at], &from, &sums, &to);
     }

@@ -10,6 +10,7 @@
 #define LID_OVER 1.95f    // … above another surface
 #define SPARE 0.5f        // how far a candidate may be raised
 #define START_SPARE 4.0f  // and a start
+#define WORTH 0.03f       // of the mean gap: what a candidate must gain to be looked at, unless it is the last
 #define CERTIFY_LOSS 16   // steps: what a field's certificate loses by rounding down, and the iterate by being float
 
 // Mean gap of whole coefficients, in the program's unit.
@@ -100,7 +101,7 @@ void canopy_tighten_mend_start(struct canopy_tighten *t) {
 
 // ---- Candidates
 
-void canopy_tighten_round(struct canopy_tighten *t) {
+static void round_iterate(struct canopy_tighten *t) {
     const size_t count = canopy_tighten_coefficients(t);
     const int32_t low = t->low + (t->field != NULL ? CERTIFY_LOSS : 0);
     for (size_t j = 0; j < count; j++) {
@@ -109,12 +110,35 @@ void canopy_tighten_round(struct canopy_tighten *t) {
     t->reach = reach_of(t, t->candidate, SPARE);
 }
 
+// The iterate becomes a candidate.
+void canopy_tighten_consider(struct canopy_tighten *t) {
+    round_iterate(t);
+    t->candidate_gap = larger(gap_of(t, t->candidate), 0.0f) * t->range;
+    t->pending = !(t->candidate_gap < (1.0f - WORTH) * t->mean_gap);
+    canopy_tighten_go(t, t->pending ? CANOPY_TIGHTEN_CLEAR : CANOPY_TIGHTEN_PUBLISH);
+}
+
+// No iterate comes any more.
+void canopy_tighten_end(struct canopy_tighten *t) {
+    if (t->pending) {
+        t->ending = true;
+        canopy_tighten_go(t, CANOPY_TIGHTEN_PUBLISH);
+    } else {
+        canopy_tighten_begin_bend(t);
+    }
+}
+
 static void finish_candidate(struct canopy_tighten *t, float gap) {
     if (gap * t->range < t->mean_gap) {
         memcpy(t->b, t->candidate, 4 * canopy_tighten_coefficients(t));
         publish(t, gap);
     }
-    canopy_tighten_go(t, CANOPY_TIGHTEN_CLEAR);
+    t->pending = false;
+    if (t->ending) {
+        canopy_tighten_begin_bend(t);
+    } else {
+        canopy_tighten_go(t, CANOPY_TIGHTEN_CLEAR);
+    }
 }
 
 void canopy_tighten_raise_candidate(struct canopy_tighten *t) {

@@ -13,12 +13,14 @@ static inline uint32_t clamped(uint32_t h, uint32_t a, uint32_t size) {
 }
 
 void canopy_tighten_find_patch(const struct canopy_tighten *t, uint32_t cell, struct canopy_tighten_patch *patch) {
-    const uint32_t n = t->frame.size[1], h = cell / (n - 1), w = cell % (n - 1);
+    const uint32_t n = t->frame.size[1], h = cell / (n - 1), w = cell - h * (n - 1);
+    const uint32_t first = clamped(w, 0, n), last = clamped(w, 3, n);
     for (uint32_t a = 0; a < 4; a++) {
         const uint32_t i = clamped(h, a, t->frame.size[0]) * n;
-        for (uint32_t b = 0; b < 4; b++) {
-            patch->index[4 * a + b] = i + clamped(w, b, n);
-        }
+        patch->index[4 * a] = i + first;
+        patch->index[4 * a + 1] = i + w;
+        patch->index[4 * a + 2] = i + w + 1;
+        patch->index[4 * a + 3] = i + last;
     }
 }
 
@@ -79,7 +81,7 @@ void canopy_tighten_lane_weights(const struct canopy_tighten *t, int axis, const
     }
 }
 
-#define DROP_LEAST 1e-4f  // nothing nearer is dropped
+#define DISTANCES 32  // that rows may be dropped at: nothing nearer than 1e-4 is
 
 // ---- The rows in use: in order of cells
 
@@ -126,15 +128,31 @@ static uint32_t count_near(const struct canopy_tighten *t, float most) {
     return near;
 }
 
+// The first of the distances, each 0.7 of the one before, within which there are no more rows than that.
+static float distance_of(const struct canopy_tighten *t, uint32_t room) {
+    float distance[DISTANCES], most = 2.0f * (CANOPY_TIGHTEN_CEILING - CANOPY_TIGHTEN_FLOOR);
+    for (uint32_t k = 0; k < DISTANCES; k++) {
+        distance[k] = most;
+        most *= 0.7f;
+    }
+    uint32_t first = 0, last = DISTANCES - 1;
+    while (first < last) {
+        const uint32_t middle = (first + last) / 2;
+        if (count_near(t, distance[middle]) > room) {
+            first = middle + 1;
+        } else {
+            last = middle;
+        }
+    }
+    return distance[first];
+}
+
 void canopy_tighten_drop_rows(struct canopy_tighten *t) {
     const uint32_t room = t->size.rows / 16 * 15;
-    float most = 2.0f * (CANOPY_TIGHTEN_CEILING - CANOPY_TIGHTEN_FLOOR);
     if (t->row_count <= room) {
         return;
     }
-    while (most > DROP_LEAST && count_near(t, most) > room) {
-        most *= 0.7f;
-    }
+    const float most = distance_of(t, room);
     uint32_t kept = 0;
     for (uint32_t k = 0; k < t->row_count; k++) {
         if (t->rows[k / LANES].slack[k % LANES] <= most) {

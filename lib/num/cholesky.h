@@ -5,7 +5,8 @@
 /// the first column are not read. For bicubic B-splines on a grid with n columns, rows in order, stride is 3 n + 4.
 ///
 /// There is no pivoting. A pivot that rounding has eaten takes its unknown out: the solution is 0 there. Sums go in
-/// eight lanes in a fixed order, so that results do not depend on the machine's vectors.
+/// lanes in a fixed order, so that results do not depend on the machine's vectors (on whether it adds products in one
+/// instruction they do: lib/num/fma_f32.h).
 #ifndef CANOPY_NUM_CHOLESKY_H
 #define CANOPY_NUM_CHOLESKY_H
 
