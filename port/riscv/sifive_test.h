@@ -1,5 +1,5 @@
-/// The test finisher of SiFive's simulations and of QEMU's `virt` (device tree binding sifive,test0): it ends an emulated
-/// run with a status, or resets. No chip has it: there, write your own reset.
+/// The test finisher of SiFive's simulations and of QEMU's `virt` (device tree binding sifive,test0): it ends an
+/// emulated run with a status, or resets. No chip has it: there, write your own reset.
 #ifndef CANOPY_PORT_RISCV_SIFIVE_TEST_H
 #define CANOPY_PORT_RISCV_SIFIVE_TEST_H
 

@@ -1,5 +1,5 @@
 // Start-up of a processor that takes its stack pointer and its first instruction from a table at the lowest address of
-// its flash. Another one begins in assembly (port/riscv/startup.c); a Cortex-M has all of this and more in port/cortexm.
+// its flash. Another one begins in assembly (port/riscv/startup.c); a Cortex-M has this and more in port/cortexm.
 #include <stdint.h>
 
 #include "port/board.h"
