@@ -18,6 +18,9 @@
 #define BOARD_I2C0_DATA_PIN 4u
 #define BOARD_I2C0_CLOCK_PIN 5u
 
+// On while the program works, off while it sleeps.
+#define BOARD_LED_PIN 25u
+
 /// Each line's rings. Received: a whole Modbus frame, however long the loop is away. To be sent: what the wire takes in
 /// 10 ms, longer than the loop is away, so that a frame leaves without gaps.
 #define BOARD_RECEIVE_LENGTH 256u
