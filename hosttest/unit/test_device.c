@@ -80,6 +80,7 @@ static struct {
     uint16_t sequence;  // of the profile shown, from 1
     bool read_whole;
     bool silent;
+    bool refuses;    // whatever is asked
     bool loop;       // begins again after the last profile
     bool stands;     // shows the same profile for ever
     uint32_t magic;  // 0: the right one
@@ -136,7 +137,7 @@ static uint16_t profile_register(uint16_t at) {
 static bool scanner_load(void *context, uint16_t address, uint16_t count, uint16_t *to) {
     (void)context;
     const uint16_t end = CANOPY_GENERIC_HEIGHTS + COLUMNS + 1;
-    if (address + count > end)
+    if (address + count > end || scanner.refuses)
         return false;
     const bool more = !scanner.stands && (scanner.loop || scanner.sequence < PROFILES);
     if (address == CANOPY_GENERIC_PROFILE && scanner.read_whole && more) {
@@ -222,7 +223,7 @@ static void start_with(const struct canopy_device_config *config) {
         .bank = &scanner_bank, .unit = 4, .character_bits = 10, .baud = BAUD};
     const struct canopy_modbus_rtu_client_config client = {.character_bits = 10, .baud = BAUD, .timeout_us = 50000};
     scanner.sequence = 1;
-    scanner.read_whole = scanner.silent = scanner.loop = scanner.stands = false;
+    scanner.read_whole = scanner.silent = scanner.loop = scanner.stands = scanner.refuses = false;
     scanner.spoil = scanner.magic = 0;
     due_us = 0;
     CHECK_EQ(canopy_modbus_rtu_server_init(&scanner.server, &server), CANOPY_OK);
@@ -351,6 +352,29 @@ UNIT(a_silent_scanner_is_a_fault_and_the_plc_is_answered) {
     scanner.silent = false;
     run_for(3000000);
     CHECK_EQ(plc_read32(POINTS), all_valid());
+}
+
+UNIT(exceptions_of_the_scanner_are_a_fault) {
+    start();
+    scanner.refuses = true;
+    run_for(2000000);
+    CHECK_EQ(device.station.sensor_faults, 1);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_EXCEPTION] > 2);
+    CHECK_EQ(device.driver.counters.last_failure, 1 + CANOPY_SCAN_EXCEPTION);
+    scanner.refuses = false;
+    run_for(1000000);
+    CHECK_EQ(plc_read32(POINTS), all_valid());
+}
+
+UNIT(a_scanner_that_cannot_be_asked_is_a_fault) {
+    now_us = 1000000;
+    struct canopy_device_config config = usual();
+    config.scanner.unit = 0;  // all devices: nobody answers
+    start_with(&config);
+    run_for(2000000);
+    CHECK_EQ(device.station.sensor_faults, 1);
+    CHECK(device.driver.counters.failures[CANOPY_SCAN_LINK] > 2);
+    CHECK_EQ(plc_read32(MAGIC), 0x434E5059u);
 }
 
 UNIT(spoiled_answers_are_counted_and_read_again) {
@@ -531,7 +555,8 @@ UNIT(bad_configurations_are_refused) {
 }
 
 UNIT_LIST(device, a_sweep_becomes_an_envelope, the_plc_is_answered_at_its_silence,
-          a_silent_scanner_is_a_fault_and_the_plc_is_answered, spoiled_answers_are_counted_and_read_again,
+          a_silent_scanner_is_a_fault_and_the_plc_is_answered, exceptions_of_the_scanner_are_a_fault,
+          a_scanner_that_cannot_be_asked_is_a_fault, spoiled_answers_are_counted_and_read_again,
           a_line_that_takes_a_byte_at_a_time_is_enough, lost_bytes_are_shown, a_sweep_over_i2c_becomes_an_envelope,
           nobody_on_the_bus_is_a_fault, a_held_bus_is_a_fault_until_it_is_free_and_recoveries_are_shown,
           another_device_at_the_address_is_refused, a_scanner_that_repeats_its_profile_becomes_stale,
