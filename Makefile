@@ -183,6 +183,7 @@ FW_LINK := -nostartfiles -Llinker -Wl,--gc-sections -Wl,--fatal-warnings
 define image
 	$(if $(V),,@echo "link $@")
 	$(Q)$($(1)_LINK) -Wl,--defsym=canopy_stack_size=$(2) -Wl,-Map=$(@:.elf=.map) $(filter %.o,$^) $(filter %.a,$^) -lm -o $@
+	$(Q)tools/flash_crc.py $@
 	$(if $($(1)_FINISH),$(Q)$($(1)_FINISH) $@)
 endef
 

@@ -47,6 +47,13 @@ struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) 
     };
 }
 
+struct canopy_flash canopy_board_flash(void) { return canopy_no_flash(); }
+
+// Nothing interrupts a process but signals, and there are none.
+uint32_t canopy_board_mask(void) { return 0; }
+
+void canopy_board_restore(uint32_t before) { (void)before; }
+
 bool canopy_board_start_watchdog(uint32_t period_us) {
     (void)period_us;
     return false;

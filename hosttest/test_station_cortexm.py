@@ -215,7 +215,7 @@ def symbol(image, name):
 
 
 def test_the_stack_stays_within_what_the_call_graph_says(big):
-    """The emulator's memory starts as zeros: the lowest byte that is not zero is how deep the stack went."""
+    """At start the stack is filled with a pattern: the lowest byte that is another one is how deep it went."""
     root = Path(__file__).resolve().parent.parent
     scratch = big.emulator.scratch
     scanner = big.scan(hills(40, 60, missing=lambda i, j: i % 9 == 4))
@@ -228,6 +228,7 @@ def test_the_stack_stays_within_what_the_call_graph_says(big):
     computed = json.loads((scratch / "stack.json").read_text())["canopy"]["worst"]
     limit, top = symbol("canopy.elf", "canopy_stack_limit"), symbol("canopy.elf", "canopy_stack_top")
     stack = big.emulator.memory(limit, top - limit)
-    used = len(stack.lstrip(b"\0"))
+    used = len(stack.lstrip(b"\xc5"))
     print(f"stack: used {used}, computed {computed}")
     assert 300 < used <= computed
+    assert big.registers["stack_unused"] == (len(stack) - used) // 4 * 4

@@ -86,6 +86,17 @@ struct canopy_flash {
     enum canopy_status (*program)(void *context, uint32_t page, uint32_t offset, const uint8_t *from, uint32_t length);
 };
 
+/// The memory of the program itself, for tests of it (lib/station/selftest.h).
+struct canopy_memory {
+    uint32_t *ram, *ram_end;    ///< all RAM that the program uses, in whole words
+    const uint32_t *stack_end;  ///< within it: the stack's upper end, from which it grows down …
+    uint32_t *stack;            ///< … to here
+    const uint8_t *flash;       ///< the program, at its lowest address
+    const uint32_t *flash_end;  ///< beyond it stands the CRC-32 of it (lib/num/crc32.h): the build puts it there
+    uint32_t (*mask)(void);     ///< masks all interrupts; tells how it was before
+    void (*restore)(uint32_t was);
+};
+
 enum canopy_crash_kind {  // 16 + irq: an interrupt without a handler
     CANOPY_CRASH_NONE = 0,
     CANOPY_CRASH_WATCHDOG = 2,  ///< the program did not feed it

@@ -25,6 +25,16 @@ struct canopy_board {
 /// Starts clocks and devices, the lines at these speeds. Call it once, first.
 struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]);
 
+/// The flash of struct canopy_board, also before the start: settings that are stored there say how to start.
+struct canopy_flash canopy_board_flash(void);
+
+/// Masks all interrupts and tells whether they were masked before; give that to canopy_board_restore.
+uint32_t canopy_board_mask(void);
+void canopy_board_restore(uint32_t before);
+
+/// The program's own memory: from the linker, for images that linker/sections.ld lays out (port/common/memory.c).
+struct canopy_memory canopy_board_memory(void);
+
 /// From now on the board resets unless the watchdog is fed once in `period_us`. False: it has none, or no such period.
 bool canopy_board_start_watchdog(uint32_t period_us);
 

@@ -14,7 +14,7 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-FLASH = {".text", ".ARM.exidx", ".data"}
+FLASH = {".text", ".ARM.exidx", ".data", ".flash_crc"}
 RAM = {".stack", ".data", ".bss", ".noinit"}
 OUTPUT = re.compile(r"^(\.\S+)(?:\s+0x([0-9a-f]+)\s+0x([0-9a-f]+))?")
 INPUT = re.compile(r"^ (?:(\.\S+|COMMON)\s+)?0x([0-9a-f]+)\s+0x([0-9a-f]+) (\S.*)$")

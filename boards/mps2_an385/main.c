@@ -16,7 +16,7 @@ static struct canopy_station_turned turned;
 
 int main(void) {
     struct canopy_settings settings;
-    const struct canopy_board board = canopy_program_start(&settings, PLC_LINE);
+    const struct canopy_board board = canopy_program_start(&settings, PLC_LINE, arena, sizeof arena);
     const struct canopy_rtu_link_config line = {.clock = board.clock,
                                                 .stream = board.line[SCANNER_LINE],
                                                 .baud = settings.scanner_baud,

@@ -14,7 +14,7 @@ static struct canopy_i2c_link scanner;
 
 int main(void) {
     struct canopy_settings settings;
-    const struct canopy_board board = canopy_program_start(&settings, PLC_LINE);
+    const struct canopy_board board = canopy_program_start(&settings, PLC_LINE, arena, sizeof arena);
     struct canopy_device_config config;
     canopy_program_configure(&config, &board, &settings, PLC_LINE);
     config.scanner = (struct canopy_device_scanner){.link = canopy_i2c_link(&scanner),

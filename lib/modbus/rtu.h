@@ -126,6 +126,9 @@ size_t canopy_modbus_rtu_server_poll(struct canopy_modbus_rtu_server *server, ui
 /// withdrawn. At most what poll returned counts.
 void canopy_modbus_rtu_server_sent(struct canopy_modbus_rtu_server *server, size_t count, uint64_t now_us);
 
+/// Whether a reply has not been handed to the line yet, or not all of it.
+bool canopy_modbus_rtu_server_is_replying(const struct canopy_modbus_rtu_server *server);
+
 /// When poll next has something to do, for a timer; CANOPY_MODBUS_RTU_NEVER when nothing is under way. A past time
 /// means now.
 uint64_t canopy_modbus_rtu_server_due(const struct canopy_modbus_rtu_server *server);

@@ -373,6 +373,10 @@ void canopy_modbus_rtu_server_sent(struct canopy_modbus_rtu_server *server, size
         clear(server, COLLECTING);
 }
 
+bool canopy_modbus_rtu_server_is_replying(const struct canopy_modbus_rtu_server *server) {
+    return server->state == REPLYING;
+}
+
 uint64_t canopy_modbus_rtu_server_due(const struct canopy_modbus_rtu_server *server) {
     if (server->state == REPLYING)
         return server->last_us;

@@ -146,8 +146,9 @@ struct canopy_envelope *canopy_plc_begin(struct canopy_plc *plc);
 /// Publishes what canopy_plc_begin() gave: the sequence grows by one (from 2^32 - 1 to 1), holds stay as they are.
 /// CANOPY_ARGUMENT: nothing was begun, a size below 4 or with more coefficients than the room, a side or scalar other
 /// than configured, a negative margin or a pitch of 0. CANOPY_RANGE: unit * 2^quantum_log2 or 2^lsb_log2 is no normal
-/// float. CANOPY_NOT_SAFE: barred. After an error nothing is published, and the envelope is still there to be mended. Compares the rows of
-/// coefficients with those of the envelope published until now, to tell which have changed: O(m n) at most.
+/// float. CANOPY_NOT_SAFE: barred. After an error nothing is published, and the envelope is still there to be mended.
+/// Compares the rows of coefficients with those of the envelope published until now, to tell which have changed: O(m n)
+/// at most.
 enum canopy_status canopy_plc_commit(struct canopy_plc *plc);
 
 /// Publishes a copy of `envelope` (not of the one that canopy_plc_begin gave): canopy_plc_begin, a copy,

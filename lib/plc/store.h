@@ -1,4 +1,5 @@
-/// One record kept without power in two copies: whenever the power goes, the next start finds the old record or the new.
+/// One record kept without power in two copies: whenever the power goes, the next start finds the old record or the
+/// new.
 ///
 /// A copy is a page of the flash (struct canopy_flash, lib/port.h), the first or the second. It holds, high byte first,
 ///
@@ -9,8 +10,8 @@
 ///     16  payload, at most CANOPY_STORE_PAYLOAD bytes, then 0xFF
 ///     S   the seal: 4 bytes of 0; S is 128, rounded up to the unit of programming
 ///
-/// A copy counts if its CRC is right and it is sealed: one bit of the seal that is not 1 is enough. Writing goes in this
-/// order, at most one erasure or one programming a step:
+/// A copy counts if its CRC is right and it is sealed: one bit of the seal that is not 1 is enough. Writing goes in
+/// this order, at most one erasure or one programming a step:
 ///
 ///   1. program the seal of a copy that is in force once more
 ///   2. erase the other copy
@@ -21,10 +22,10 @@
 /// Why that is enough, for memory in which whatever was interrupted may read as anything, and as something else each
 /// time: in 1 to 3 the copy in force is whole, and once 3 has begun the other one's seal is surely blank. In 4 the
 /// record is whole, so it does not matter what the seal reads as; but what a start has decided must stay, so the start
-/// makes it last: it programs the seal of the copy it takes, and wipes a record without one. From 5 on the first copy is
-/// whole and sealed, and of the second one an older record or the same is all that may be read; its seal, the last to
-/// be programmed, is what 1 is for. Programming may clear bits again that are clear. That a torn page has the CRC of a
-/// record that never was is left to chance, 2^-32.
+/// makes it last: it programs the seal of the copy it takes, and wipes a record without one. From 5 on the first copy
+/// is whole and sealed, and of the second one an older record or the same is all that may be read; its seal, the last
+/// to be programmed, is what 1 is for. Programming may clear bits again that are clear. That a torn page has the CRC of
+/// a record that never was is left to chance, 2^-32.
 ///
 /// Nothing is kept in RAM but the generation in force and how far writing is.
 #ifndef CANOPY_STORE_H

@@ -49,6 +49,11 @@ enum canopy_status canopy_device_init(struct canopy_device *device, const struct
     return status;
 }
 
+void canopy_device_keep(struct canopy_device *device, struct canopy_health *health) {
+    device->health = health;
+    canopy_health_attach(health, &device->station.plc, &device->station.port, device->station.scan);
+}
+
 // ---- The PLC
 
 static void serve_plc(struct canopy_device *device) {
@@ -141,6 +146,12 @@ static void measure(struct canopy_device *device, uint64_t begin_us) {
     }
 }
 
+// Whether the PLC has its answer.
+static bool is_quiet(const struct canopy_device *device) {
+    const struct canopy_stream *line = &device->config.plc.stream;
+    return !canopy_modbus_rtu_server_is_replying(&device->server) && line->sent(line->context);
+}
+
 static uint64_t sooner(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
 uint64_t canopy_device_step(struct canopy_device *device) {
@@ -151,6 +162,9 @@ uint64_t canopy_device_step(struct canopy_device *device) {
         canopy_station_profile(&device->station, &device->driver, &device->column, device->config.readings, begin_us);
     canopy_station_step(&device->station, device->config.budget, begin_us);
     measure(device, begin_us);
+    if (device->health != NULL) {
+        canopy_health_step(device->health, begin_us, is_quiet(device));
+    }
 
     if (taking || canopy_station_is_working(&device->station)) {
         return begin_us;

@@ -20,6 +20,7 @@
 #include "lib/port.h"
 #include "lib/scan/link.h"
 #include "lib/scan/profile.h"
+#include "lib/station/health.h"
 #include "lib/station/station.h"
 #include "lib/status.h"
 
@@ -62,12 +63,16 @@ struct canopy_device {
     struct canopy_profile_driver driver;
     struct canopy_modbus_bank bank;
     struct canopy_modbus_rtu_server server;
+    struct canopy_health *health;  // or NULL
 };
 
 /// Makes a device that waits for its scanner. `arena`: CANOPY_DEVICE_ARENA bytes, aligned to 8, the device's as long as
 /// it is used. CANOPY_ARGUMENT, CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN as its parts say.
 enum canopy_status canopy_device_init(struct canopy_device *device, const struct canopy_device_config *config,
                                       void *arena, size_t bytes);
+
+/// Puts a health that has been opened and tested behind the device's registers; canopy_device_step gives it its time.
+void canopy_device_keep(struct canopy_device *device, struct canopy_health *health);
 
 /// One cycle. Returns when the next has something to do although no interrupt comes: a time that has passed means at
 /// once.

@@ -1,5 +1,6 @@
 #include "port/cortexm/startup.h"
 
+#include "port/board.h"
 #include "port/cortexm/core.h"
 
 extern uint32_t canopy_data_load[], canopy_data_start[], canopy_data_end[], canopy_bss_start[], canopy_bss_end[];
@@ -36,3 +37,7 @@ void canopy_reset(void) {
     (void)main();
     __asm volatile("udf #0");
 }
+
+uint32_t canopy_board_mask(void) { return canopy_core_mask(); }
+
+void canopy_board_restore(uint32_t before) { canopy_core_restore(before); }

@@ -56,6 +56,10 @@ struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) 
                                  .watchdog = canopy_cmsdk_watchdog(&watchdog)};
 }
 
+struct canopy_flash canopy_board_flash(void) {
+    return canopy_no_flash();
+}
+
 bool canopy_board_start_watchdog(uint32_t period_us) {
     canopy_cmsdk_watchdog_start(&watchdog, BOARD_WATCHDOG_BASE, BOARD_CLOCK_HZ, period_us);
     return true;

@@ -65,6 +65,10 @@ bool canopy_trap_interrupt(uint32_t code, const struct canopy_trap_place *place)
     return code == CODE_TIMER || code == CODE_EXTERNAL;
 }
 
+struct canopy_flash canopy_board_flash(void) {
+    return canopy_no_flash();
+}
+
 bool canopy_board_start_watchdog(uint32_t period_us) {
     const uint32_t before = canopy_core_mask();
     const bool started = canopy_clint_start_watchdog(&clint, period_us);

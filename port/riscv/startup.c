@@ -1,5 +1,6 @@
 #include "port/riscv/startup.h"
 
+#include "port/board.h"
 #include "port/riscv/core.h"
 #include "port/riscv/trap.h"
 
@@ -52,3 +53,7 @@ __attribute__((naked, section(".vectors"))) void canopy_reset(void) {
                    "j 3b" ::"i"(canopy_trap_entry),
                    "i"(start));
 }
+
+uint32_t canopy_board_mask(void) { return canopy_core_mask(); }
+
+void canopy_board_restore(uint32_t before) { canopy_core_restore(before); }

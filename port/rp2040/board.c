@@ -126,10 +126,11 @@ static void start_i2c(void) {
                                                              .alarm = ALARM_I2C});
 }
 
-static void start_flash(void) {
+struct canopy_flash canopy_board_flash(void) {
     const struct canopy_rp2040_flash_steps steps = canopy_rp2040_rom_steps(boot2);
     canopy_rp2040_flash_start(&flash, &steps, canopy_settings, (uint32_t)(uintptr_t)canopy_settings - FLASH_START,
                               (uint32_t)(uintptr_t)canopy_settings_pages);
+    return canopy_rp2040_flash(&flash);
 }
 
 struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) {
@@ -139,12 +140,11 @@ struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) 
     canopy_core_enable_irq(RP2040_IRQ_TIMER + ALARM_SLEEP);
     start_lines(baud);
     start_i2c();
-    start_flash();
     return (struct canopy_board){.clock = canopy_rp2040_clock(),
                                  .line = {canopy_pl011_stream(&uart[0]), canopy_pl011_stream(&uart[1])},
                                  .line_count = 2,
                                  .i2c = canopy_dw_i2c(&i2c),
-                                 .flash = canopy_rp2040_flash(&flash),
+                                 .flash = canopy_board_flash(),
                                  .watchdog = canopy_rp2040_watchdog()};
 }
 

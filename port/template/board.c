@@ -21,6 +21,16 @@ struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) 
                                  .watchdog = canopy_no_watchdog()};
 }
 
+// Called before the start: it may need what start-up has not done yet.
+struct canopy_flash canopy_board_flash(void) {
+    return canopy_no_flash();
+}
+
+// One instruction each, that compilers do not move memory accesses across.
+uint32_t canopy_board_mask(void) { return 0; }
+
+void canopy_board_restore(uint32_t before) { (void)before; }
+
 // A bite should leave a record before it resets (port/common/crash_record.h); a chip whose watchdog cannot warn notes
 // the crash after the reset, where the chip tells why it was reset.
 bool canopy_board_start_watchdog(uint32_t period_us) {
