@@ -27,6 +27,7 @@ export class Machine {
         }
         this.anchor = 0; // real nanoseconds at virtual 0
         this.frozen = null;
+        this.waiting = []; // what came meanwhile
         this.wake = () => {};
         this.ends = [];
         this.limitNanos = Infinity;
@@ -57,8 +58,12 @@ export class Machine {
         return end.start((data) => this.arrive(() => uart.feed(data)));
     }
 
-    /** Something comes from outside: at the virtual time that it is now. */
+    /** Something comes from outside: at the virtual time that it is now, or when time goes on again. */
     arrive(deliver) {
+        if (this.frozen !== null) {
+            this.waiting.push(deliver);
+            return;
+        }
         if (this.paced && this.chip.core.waiting) {
             this.chip.clock.skipTo(Math.min(this.realNanos(), this.nextAlarmNanos));
         }
@@ -69,6 +74,12 @@ export class Machine {
     /** Stops time until a promise is kept: for a device whose other half is another program. */
     freeze(promise) {
         this.frozen = promise;
+    }
+
+    thaw() {
+        this.frozen = null;
+        this.setAnchor();
+        this.waiting.splice(0).forEach((deliver) => this.arrive(deliver));
     }
 
     get nextAlarmNanos() {
@@ -122,8 +133,7 @@ export class Machine {
                 const wait = this.step();
                 if (this.frozen !== null) {
                     await this.frozen;
-                    this.frozen = null;
-                    this.setAnchor();
+                    this.thaw();
                 } else if (wait > 0) {
                     this.flush();
                     await this.pause(wait);
