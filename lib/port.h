@@ -64,7 +64,9 @@ struct canopy_i2c {
     void *context;
     uint16_t max_transfer;  ///< the most bytes of `out` and of `in`; longer ones are unsupported
     /// Begins a transfer, of which the buffers must stay until it has ended. It ends within `timeout_us`, whatever the
-    /// bus does, as long as it is polled. False: one is under way, nothing was begun.
+    /// bus does, as long as it is polled. False: one is under way, nothing was begun. A platform whose I2C can only
+    /// block (Linux's I2C_RDWR) may do the whole transfer here, in a thread whose program waits for nothing else, or
+    /// hand it to a thread of its own; poll then tells how it ended.
     bool (*start)(void *context, const struct canopy_i2c_transfer *transfer, uint32_t timeout_us);
     /// Moves the transfer on. Its outcome stays until the next start; before the first it is UNSUPPORTED.
     enum canopy_i2c_outcome (*poll)(void *context);
