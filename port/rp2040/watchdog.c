@@ -9,14 +9,17 @@
 
 static uint32_t period;  // us; 0 until the start
 
-static void load(uint32_t us) { canopy_rp2040_put(RP2040_WATCHDOG_LOAD, 2u * us); }
+static void load(uint32_t us) {
+    const uint32_t count = 2u * us;  // RP2040-E1
+    canopy_rp2040_put(RP2040_WATCHDOG_LOAD, count < RP2040_WATCHDOG_LOAD_MOST ? count : RP2040_WATCHDOG_LOAD_MOST);
+}
 
 static void feed(void *context) {
     (void)context;
     if (period == 0)
         return;
-    load(period);
-    canopy_rp2040_set_alarm(CANOPY_RP2040_WATCHDOG_ALARM, canopy_rp2040_now_us() + period - period / 8u);
+    load(period + period / 8u);
+    canopy_rp2040_set_alarm(CANOPY_RP2040_WATCHDOG_ALARM, canopy_rp2040_now_us() + period);
 }
 
 static void warn(bool wanted) {

@@ -1,16 +1,16 @@
 /// The watchdog of an RP2040 (datasheet 4.7). It resets the whole chip but for its oscillators; memory keeps what it
 /// holds.
 ///
-/// It gives no warning, so an alarm of the timer does: an eighth of the period before the end its interrupt, which is
-/// made non-maskable, leaves a record that says where the program hung (port/cortexm/crash.h) and resets. Where that
-/// fails too, the watchdog resets, and the next start knows it from the reason it keeps.
+/// It gives no warning, so an alarm of the timer does: when the period is over its interrupt, which is made
+/// non-maskable, leaves a record that says where the program hung (port/cortexm/crash.h) and resets. Where that fails
+/// too, the watchdog resets an eighth of the period later, and the next start knows it from the reason it keeps.
 #ifndef CANOPY_PORT_RP2040_WATCHDOG_H
 #define CANOPY_PORT_RP2040_WATCHDOG_H
 
 #include "lib/port.h"
 
-/// Half of what 24 bits count: the counter goes down by two a microsecond (erratum RP2040-E1).
-#define CANOPY_RP2040_WATCHDOG_MOST_US 8388607u
+/// The watchdog counts 24 bits, down by two a microsecond (erratum RP2040-E1): 8.39 s, which leaves the warning some time.
+#define CANOPY_RP2040_WATCHDOG_MOST_US 8300000u
 
 /// The alarm of the timer that warns, RP2040_IRQ_TIMER + this; nobody else may use it.
 #define CANOPY_RP2040_WATCHDOG_ALARM 1u
