@@ -2,9 +2,7 @@
 
 #define CHUNK 64U  // bytes moved at once
 
-static uint64_t time_of(const struct canopy_device *device) {
-    return device->config.clock.now_us(device->config.clock.context);
-}
+static uint64_t time_of(const struct canopy_device *device) { return device->clock.now_us(device->clock.context); }
 
 static size_t words_of(const struct canopy_profile_table *table) {
     return table->heights_type == CANOPY_SCAN_U32 || table->heights_type == CANOPY_SCAN_I32 ? 2 : 1;
@@ -25,7 +23,12 @@ enum canopy_status canopy_device_init(struct canopy_device *device, const struct
     if (status != CANOPY_OK) {
         return status;
     }
-    *device = (struct canopy_device){.config = *config};
+    *device = (struct canopy_device){.framed = config->frame != NULL,
+                                     .readings = config->readings,
+                                     .budget = config->budget,
+                                     .clock = config->clock,
+                                     .link = scanner->link,
+                                     .plc = config->plc.stream};
     const uint64_t now_us = time_of(device);
     void *profile_arena = canopy_arena_take(&cut, profile_bytes);
     status = canopy_station_init(&device->station, &config->station, cut.next, cut.left, now_us);
@@ -57,7 +60,7 @@ void canopy_device_keep(struct canopy_device *device, struct canopy_health *heal
 // ---- The PLC
 
 static void serve_plc(struct canopy_device *device) {
-    const struct canopy_stream *line = &device->config.plc.stream;
+    const struct canopy_stream *line = &device->plc;
     uint8_t bytes[CHUNK];
     size_t count;
     // Bounded by what the port holds: it cannot be filled faster than this empties it.
@@ -82,7 +85,7 @@ static void take_event(struct canopy_device *device, enum canopy_scan_event even
     case CANOPY_SCAN_PROFILE: device->bad = false; break;
     case CANOPY_SCAN_SCENE:
         // Without a frame for it nothing of it is accepted: as bad as a description that makes no sense.
-        device->bad = device->config.frame == NULL &&
+        device->bad = !device->framed &&
                       canopy_station_begin_scene(&device->station, canopy_profile_scene(&device->driver)) != CANOPY_OK;
         break;
     case CANOPY_SCAN_REFUSED:
@@ -95,7 +98,7 @@ static void take_event(struct canopy_device *device, enum canopy_scan_event even
 
 // What the read that is under way has come to, if it is over.
 static enum canopy_scan_event hear_scanner(struct canopy_device *device, uint64_t now_us) {
-    const struct canopy_scan_link *link = &device->config.scanner.link;
+    const struct canopy_scan_link *link = &device->link;
     struct canopy_scan_answer answer;
     switch (link->poll(link->context, now_us, &answer)) {
     case CANOPY_SCAN_LINK_DONE:
@@ -109,7 +112,7 @@ static enum canopy_scan_event hear_scanner(struct canopy_device *device, uint64_
 }
 
 static void ask_scanner(struct canopy_device *device, uint64_t now_us) {
-    const struct canopy_scan_link *link = &device->config.scanner.link;
+    const struct canopy_scan_link *link = &device->link;
     struct canopy_profile_request wanted;
     if (!canopy_profile_next(&device->driver, now_us, &wanted)) {
         return;
@@ -121,7 +124,7 @@ static void ask_scanner(struct canopy_device *device, uint64_t now_us) {
 }
 
 static void poll_scanner(struct canopy_device *device) {
-    const struct canopy_scan_link *link = &device->config.scanner.link;
+    const struct canopy_scan_link *link = &device->link;
     const uint64_t now_us = time_of(device);
     const bool asked = device->asked;
     const enum canopy_scan_event event = hear_scanner(device, now_us);
@@ -148,7 +151,7 @@ static void measure(struct canopy_device *device, uint64_t begin_us) {
 
 // Whether the PLC has its answer.
 static bool is_quiet(const struct canopy_device *device) {
-    const struct canopy_stream *line = &device->config.plc.stream;
+    const struct canopy_stream *line = &device->plc;
     return !canopy_modbus_rtu_server_is_replying(&device->server) && line->sent(line->context);
 }
 
@@ -159,8 +162,8 @@ uint64_t canopy_device_step(struct canopy_device *device) {
     serve_plc(device);
     poll_scanner(device);
     const bool taking =
-        canopy_station_profile(&device->station, &device->driver, &device->column, device->config.readings, begin_us);
-    canopy_station_step(&device->station, device->config.budget, begin_us);
+        canopy_station_profile(&device->station, &device->driver, &device->column, device->readings, begin_us);
+    canopy_station_step(&device->station, device->budget, begin_us);
     measure(device, begin_us);
     if (device->health != NULL) {
         canopy_health_step(device->health, begin_us, is_quiet(device));

@@ -57,8 +57,12 @@ struct canopy_device_config {
 struct canopy_device {
     uint16_t column;  // of the profile being taken
     bool asked;
-    bool bad;  // the scanner's last profile or description did not come or made no sense
-    struct canopy_device_config config;
+    bool bad;     // the scanner's last profile or description did not come or made no sense
+    bool framed;  // the frame is the configuration's, not the scanner's
+    uint16_t readings, budget;
+    struct canopy_clock clock;
+    struct canopy_scan_link link;
+    struct canopy_stream plc;
     struct canopy_station station;
     struct canopy_profile_driver driver;
     struct canopy_modbus_bank bank;
