@@ -23,33 +23,28 @@ CANOPY_INLINE uint32_t canopy_march_background(unsigned k) {
 CANOPY_INLINE bool canopy_march(void *context, uint32_t (*get)(void *context, unsigned i),
                                 void (*put)(void *context, unsigned i, uint32_t value), unsigned count,
                                 uint32_t background) {
-    // what is expected, then what is written: 0 the background, 1 its complement; upward until the fourth
+    // A bit for each: what is expected (the background or its complement), what is written, whether downward. The first
+    // only writes, the last only reads.
     static const struct {
-        uint8_t expects, writes;
-        bool reads, down, last;
-    } elements[] = {
-        {.writes = 0},
-        {.reads = true, .expects = 0, .writes = 1},
-        {.reads = true, .expects = 1, .writes = 0},
-        {.reads = true, .expects = 0, .writes = 1, .down = true},
-        {.reads = true, .expects = 1, .writes = 0, .down = true},
-        {.reads = true, .expects = 0, .last = true},
-    };
-    bool good = true;
-    for (unsigned e = 0; e < sizeof elements / sizeof elements[0]; e++) {
+        uint8_t expects, writes, down;
+    } elements[] = {{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 1, 1}, {1, 0, 1}, {0, 0, 0}};
+    const unsigned last = sizeof elements / sizeof elements[0] - 1U;
+    uint32_t wrong = 0;
+    for (unsigned e = 0; e <= last; e++) {
         const uint32_t expected = background ^ (0U - (uint32_t)elements[e].expects);
         const uint32_t written = background ^ (0U - (uint32_t)elements[e].writes);
+        unsigned i = elements[e].down != 0 ? count - 1U : 0;
         for (unsigned k = 0; k < count; k++) {
-            const unsigned i = elements[e].down ? count - 1U - k : k;
-            if (elements[e].reads && get(context, i) != expected) {
-                good = false;
+            if (e > 0) {
+                wrong |= get(context, i) ^ expected;
             }
-            if (!elements[e].last) {
+            if (e < last) {
                 put(context, i, written);
             }
+            i += elements[e].down != 0 ? (unsigned)-1 : 1U;
         }
     }
-    return good;
+    return wrong == 0;
 }
 
 #endif
