@@ -9,8 +9,11 @@
 //     with a publication (or the scene), never while a reading out of all range is remembered, and it comes only
 //     with a reading that is at least nearly beyond;
 //   - stale, age, counters and coverage are what the model counts.
+// Half of the stations are in float: then the model asks the host's own floats which points they hold, and readings are
+// judged as the float nearest to them, too.
 // CANOPY_STATIONS sets how many random lives are lived (default 1500); a failure prints the seed, and CANOPY_SEED=n
 // lives that one alone.
+#include <float.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -74,6 +77,7 @@ static struct {
     uint64_t raised[CANOPY_STATION_SETTLING + 1];  // readings that raised a cell, by stage
     uint64_t intrusions, lower, late, ranges, refreshes, withdrawals, restarts, publications, fails, held, broken;
     uint64_t tightened, kept, given_up;
+    uint64_t refused, lifted;  // scenes that are not for floats, readings further down than floats go
 } met;
 
 #define ROWS_MAX CANOPY_TIGHTEN_ROWS_FEW(GRID_MAX, GRID_MAX)
@@ -145,6 +149,23 @@ static bool inside(const struct canopy_frame *frame, const int32_t point[3]) {
     return true;
 }
 
+static bool is_in_float(const struct world *w) { return w->config.fit == &canopy_line_fit_f32; }
+
+// Whether a whole number is a float, as all between it and 0 are.
+static bool is_counted(int64_t x) {
+    const int64_t size = x < 0 ? -x : x;
+    return size <= INT64_C(1) << FLT_MANT_DIG && (int64_t)(float)size == size;
+}
+
+static bool is_scene_counted(const struct canopy_frame *frame, const int32_t low[3], const int32_t high[3]) {
+    bool counted = true;
+    for (int a = 0; a < 3; a++) {
+        const int64_t end = a < 2 ? frame->origin[a] + (int64_t)frame->pitch[a] * (frame->size[a] - 1) : low[2];
+        counted = counted && is_counted(low[a]) && is_counted(high[a]) && is_counted(end);
+    }
+    return counted;
+}
+
 // Over +-2^25 steps from the origin: on the side that matters (1) out of range, on the other (-1) as good as the limit.
 static int over_limit(const struct canopy_frame *frame, int32_t z) {
     int64_t height = (int64_t)z - frame->origin[2];
@@ -190,6 +211,7 @@ static void check_publication(struct world *w) {
     memcpy(copy->coefficients, envelope->coefficients, 4U * envelope->frame.size[0] * envelope->frame.size[1]);
     memcpy(copy->coverage, envelope->coverage, CANOPY_COVERAGE_BYTES(envelope->frame.size[0], envelope->frame.size[1]));
     MUST(memcmp(&envelope->frame, &w->frame, sizeof w->frame) == 0);
+    MUST(envelope->scalar == (is_in_float(w) ? CANOPY_F32 : CANOPY_FX));
     MUST(envelope->points == w->count && w->count > 0 && envelope->margin >= 0);
     for (uint32_t i = 0; i < w->count; i++) {
         wide scale;
@@ -264,8 +286,10 @@ static void tighten(struct world *w) {
 static void do_scene(struct world *w, const int32_t low[3], const int32_t high[3]) {
     struct canopy_frame frame;
     MUST(canopy_frame_around_fx(&frame, &w->config.grid, low, high) == CANOPY_OK);
-    const bool same = w->scene && memcmp(&frame, &w->frame, sizeof frame) == 0;
-    MUST(canopy_station_begin_box(&w->station, low, high) == CANOPY_OK);
+    const bool refused = is_in_float(w) && !is_scene_counted(&frame, low, high);
+    const bool same = refused || (w->scene && memcmp(&frame, &w->frame, sizeof frame) == 0);
+    MUST(canopy_station_begin_box(&w->station, low, high) == (refused ? CANOPY_RANGE : CANOPY_OK));
+    met.refused += refused;
     if (!same) {
         w->frame = frame;
         w->scene = true;
@@ -301,9 +325,11 @@ static void judge(const struct world *w, const struct reading *reading, bool *be
 
 static void do_reading(struct world *w, const int32_t point[3], uint32_t uncertainty) {
     const bool above = w->config.grid.side == CANOPY_ABOVE;
-    const struct reading worst = {
-        {point[0], point[1], above ? point[2] + (int32_t)uncertainty : point[2] - (int32_t)uncertainty}};
-    const bool in = w->scene && inside(&w->frame, point), range = in && over_limit(&w->frame, worst.point[2]) > 0;
+    const bool far = is_in_float(w) && !is_counted(point[2]), high = far && (point[2] > 0) == above;
+    const int32_t most = 1 << FLT_MANT_DIG, z = !far ? point[2] : above ? -most : most;
+    const struct reading worst = {{point[0], point[1], above ? z + (int32_t)uncertainty : z - (int32_t)uncertainty}};
+    const bool in = w->scene && inside(&w->frame, point);
+    const bool range = in && (high || over_limit(&w->frame, worst.point[2]) > 0);
     bool beyond = false, near = false;
     if (in && !range) {
         judge(w, &worst, &beyond, &near);
@@ -314,6 +340,12 @@ static void do_reading(struct world *w, const int32_t point[3], uint32_t uncerta
     MUST(status == (!w->scene ? CANOPY_EMPTY : !in ? CANOPY_OUT_OF_FRAME : range ? CANOPY_RANGE : CANOPY_OK));
     if (status == CANOPY_OK) {
         MUST(w->count < READINGS_MAX);
+        if (is_in_float(w)) {  // as a PLC's file reads it
+            const double read = (double)(float)point[2];
+            MUST(above ? read <= (double)worst.point[2] : read >= (double)worst.point[2]);
+            MUST((int32_t)(float)point[0] == point[0] && (int32_t)(float)point[1] == point[1]);
+            met.lifted += far;
+        }
         w->readings[w->count++] = worst;
         w->accepted++;
         w->last_us = w->now_us;
@@ -413,6 +445,17 @@ static void make_box(struct world *w, struct life *life) {
     }
     life->low[2] = between(w, -20000000, 20000000);
     life->high[2] = life->low[2] + heights[below(w, 5)];
+    if (is_in_float(w) && chance(w, 0.9)) {  // a scene for it, often at its limits
+        const int32_t most = 1 << FLT_MANT_DIG;
+        life->low[2] = life->low[2] < -most ? -most : life->low[2] > most ? most : life->low[2];
+        life->high[2] = life->high[2] > most ? most : life->high[2] < life->low[2] ? life->low[2] : life->high[2];
+        const int32_t shift = between(w, 0, 9) - 4;
+        for (int a = 0; a < 2 && shift != 0; a++) {
+            const int32_t to = shift > 2 ? most - life->high[a] : shift < -2 ? -most - life->low[a] : 0;
+            life->low[a] += to;
+            life->high[a] += to;
+        }
+    }
 }
 
 // Somewhere in the box, on knots and edges more often than not; or near where the last one was.
@@ -514,7 +557,7 @@ static void choose(struct world *w, struct canopy_station_config *config, struct
         .grid = {.size = {(uint16_t)between(w, 4, GRID_MAX), (uint16_t)between(w, 4, GRID_MAX)},
                  .cells = q,
                  .side = (uint8_t)below(w, 2)},
-        .fit = &canopy_line_fit_fx,
+        .fit = chance(w, 0.5) ? &canopy_line_fit_fx : &canopy_line_fit_f32,
         .lines = chance(w, 0.5) ? 1 : q,
         .clients = CLIENTS,
         .unit = 0.5F,
@@ -544,6 +587,10 @@ static void live(struct world *w, uint64_t seed) {
         do_reading(w, life.low, 0);
     }
     do_scene(w, life.low, life.high);
+    while (!w->scene) {
+        make_box(w, &life);
+        do_scene(w, life.low, life.high);
+    }
     struct reader readers[CLIENTS] = {{0}};
     const uint32_t acts = 50 + below(w, 500);
     for (uint32_t i = 0; i < acts && w->count + 8 < READINGS_MAX; i++) {
@@ -588,6 +635,7 @@ static void test_random_lives(void **state) {
     assert_true(met.intrusions > 0 && met.lower > 0 && met.late > 0 && met.ranges > 0 && met.restarts > 0);
     assert_true(met.refreshes > 0 && met.withdrawals > 0 && met.held > 0 && met.broken > 0);
     assert_true(met.tightened > 0 && met.kept > 0 && met.given_up > 0);
+    assert_true(met.refused > 0 && met.lifted > 0);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------

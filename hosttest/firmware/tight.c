@@ -3,7 +3,7 @@
 // The hills of scene.h, 400 columns x 344 profiles, Q = 4, for 10 x 10 and 20 x 20 coefficients, as a station has them:
 // the fast method's surface from the field, certified, is tightened in the background (lib/station/tightening.h) with
 // CANOPY_TIGHTEN_ROWS_FEW.
-//   GRID_begin           the first piece of work: the whole field is looked at
+//   GRID_begin           the first piece of work: every cell's height is looked at
 //   GRID_longest_step    the longest of the others
 //   GRID_iteration       the mean of an iteration, its candidate's certificate included; GRID_longest_iteration
 //   GRID_iterations      how many there were; GRID_pieces of work, GRID_all of it together
@@ -81,7 +81,7 @@ static void tighten(void) {
     uint32_t pieces = 1;
     print_must(spare->spare_begin(spare, &field, &certify, coefficients), "not begun");
     const uint64_t begin = canopy_board_instructions() - before;
-    const int64_t fast_gap = (int64_t)t->mean_gap;
+    int64_t fast_gap = 0;
     enum canopy_status status;
     do {
         const uint8_t stage = t->stage;
@@ -90,6 +90,7 @@ static void tighten(void) {
         const uint64_t work = canopy_board_instructions() - before;
         pieces++;
         all += work;
+        fast_gap = t->published == 1 ? (int64_t)t->mean_gap : fast_gap;
         longest = larger(longest, work);
         one += work;
         if (t->stage == CANOPY_TIGHTEN_CLEAR && stage != CANOPY_TIGHTEN_CLEAR) {  // one ends, or the first begins

@@ -107,6 +107,7 @@ struct canopy_line_fit {
     bool (*begin)(struct canopy_line *line, int32_t floor, int32_t ceiling);
     bool (*iterate)(struct canopy_line *line);
     void (*finish)(struct canopy_line *line, int32_t *coefficients);
+    uint8_t scalar;  ///< enum canopy_scalar
 };
 extern const struct canopy_line_fit canopy_line_fit_f32, canopy_line_fit_fx;
 

@@ -4,4 +4,5 @@
 #include "lib/num/fixed.h"
 #include "lib/num/num_f32.h"
 
+#define LINE_SCALAR CANOPY_F32
 #include "lib/cover/line.inc"

@@ -117,6 +117,7 @@ struct canopy_tighten_nearest {
 
 enum canopy_tighten_stage {
     CANOPY_TIGHTEN_IDLE,
+    CANOPY_TIGHTEN_TAKE,        // a field is being taken
     CANOPY_TIGHTEN_START,       // raises the start
     CANOPY_TIGHTEN_START_MEND,  // by the certificate, and publishes it
     CANOPY_TIGHTEN_CHOOSE,      // the first rows in use, at the first iterate
@@ -132,7 +133,10 @@ enum canopy_tighten_stage {
     CANOPY_TIGHTEN_RECENTRE,
     CANOPY_TIGHTEN_TRY,
     CANOPY_TIGHTEN_ACCEPT,
+    CANOPY_TIGHTEN_DROP,     // rows that are of no use, where there are too many
     CANOPY_TIGHTEN_LOOK,     // at every constraint, where the step leads
+    CANOPY_TIGHTEN_ADD,      // rows that were found
+    CANOPY_TIGHTEN_MOVE,     // to the next iterate
     CANOPY_TIGHTEN_PUBLISH,  // raises the candidate
     CANOPY_TIGHTEN_MEND,     // by the certificate, and publishes it if it is better
     CANOPY_TIGHTEN_BEND_CLEAR,
@@ -206,6 +210,12 @@ enum canopy_status canopy_tighten_points_fx(struct canopy_tighten *tighten, cons
 enum canopy_status canopy_tighten_field(struct canopy_tighten *tighten, const struct canopy_field *field,
                                         struct canopy_certify *certify);
 
+/// The same in pieces, for who must not be away for long: _begin looks at each cell's height once, some eight
+/// instructions a cell; every _step weighs some 256 of them. CANOPY_MORE, or CANOPY_OK after the last.
+enum canopy_status canopy_tighten_field_begin(struct canopy_tighten *tighten, const struct canopy_field *field,
+                                              struct canopy_certify *certify);
+enum canopy_status canopy_tighten_field_step(struct canopy_tighten *tighten);
+
 /// Asks to stay above another surface of the same frame, everywhere in it: on every half-knot cell, with or without
 /// points, each of the 16 Bernstein coefficients of S is at least that of `other` (m x n steps in the library's
 /// orientation: for the side below, the mirror of the surface above). What is published then keeps to it exactly, as it
@@ -221,9 +231,9 @@ enum canopy_status canopy_tighten_over(struct canopy_tighten *tighten, const int
 /// and keeps them as long as tighten->published is 1.
 enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t *coefficients, bool safe);
 
-/// Does at most `budget` units of work. Each looks at some 300 constraints (at most 700 points of a knot cell, or the
-/// field cells of a quarter of one), or passes over 64 constraints in use, or does 4 rows of the matrix, 64 of a
-/// solution, or a row of field cells of the certificate, or looks once at every coefficient or at every row in use.
+/// Does at most `budget` units of work. Each looks at some 300 constraints (at most 700 points of a knot cell), or
+/// passes over 64 constraints in use (16 where they make the matrix), or does 4 rows of the matrix, 64 of a solution, or
+/// a row of field cells of the certificate, or looks once at every coefficient or some times at every row in use.
 /// CANOPY_MORE, or CANOPY_OK when nothing is left to be gained. It can end after any call: what is published is safe.
 enum canopy_status canopy_tighten_step(struct canopy_tighten *tighten, uint32_t budget);
 

@@ -60,7 +60,7 @@ enum canopy_status canopy_tighten_init(struct canopy_tighten *tighten, const str
 enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t *coefficients, bool safe) {
     struct canopy_tighten *t = tighten;
     const size_t count = canopy_tighten_coefficients(t);
-    if (t->points == 0) {
+    if (t->points == 0 || t->stage == CANOPY_TIGHTEN_TAKE) {
         return CANOPY_EMPTY;
     }
     for (size_t j = 0; j < count; j++) {
@@ -125,6 +125,7 @@ static void pass(struct canopy_tighten *t, enum canopy_tighten_pass which, void 
 
 static void choose(struct canopy_tighten *t) {
     if (canopy_tighten_look(t, CANOPY_TIGHTEN_LOOK_CHOOSE, NULL, 0) == CANOPY_OK) {
+        canopy_tighten_sift_rows(t);
         canopy_tighten_take_rows(t);
         canopy_tighten_go(t, CANOPY_TIGHTEN_SLACKS);
     }
@@ -132,8 +133,18 @@ static void choose(struct canopy_tighten *t) {
 
 static void look(struct canopy_tighten *t) {
     if (canopy_tighten_look(t, CANOPY_TIGHTEN_LOOK_STEP, NULL, 0) == CANOPY_OK) {
-        canopy_tighten_take_step(t);
+        canopy_tighten_finish_look(t);
     }
+}
+
+static void drop(struct canopy_tighten *t) {
+    canopy_tighten_drop_rows(t);
+    canopy_tighten_go(t, CANOPY_TIGHTEN_LOOK);
+}
+
+static void add(struct canopy_tighten *t) {
+    canopy_tighten_take_rows(t);
+    canopy_tighten_go(t, CANOPY_TIGHTEN_MOVE);
 }
 
 static void step_once(struct canopy_tighten *t) {
@@ -154,7 +165,10 @@ static void step_once(struct canopy_tighten *t) {
     case CANOPY_TIGHTEN_RECENTRE: solve(t, t->affine, canopy_tighten_finish_recentre); break;
     case CANOPY_TIGHTEN_TRY: pass(t, CANOPY_TIGHTEN_PASS_TRY, canopy_tighten_finish_try); break;
     case CANOPY_TIGHTEN_ACCEPT: pass(t, CANOPY_TIGHTEN_PASS_ACCEPT, canopy_tighten_finish_accept); break;
+    case CANOPY_TIGHTEN_DROP: drop(t); break;
     case CANOPY_TIGHTEN_LOOK: look(t); break;
+    case CANOPY_TIGHTEN_ADD: add(t); break;
+    case CANOPY_TIGHTEN_MOVE: canopy_tighten_take_step(t); break;
     case CANOPY_TIGHTEN_PUBLISH: canopy_tighten_raise_candidate(t); break;
     case CANOPY_TIGHTEN_MEND: canopy_tighten_mend_candidate(t); break;
     case CANOPY_TIGHTEN_BEND: canopy_tighten_bend_row(t); break;
@@ -165,7 +179,7 @@ static void step_once(struct canopy_tighten *t) {
 }
 
 enum canopy_status canopy_tighten_step(struct canopy_tighten *tighten, uint32_t budget) {
-    if (tighten->stage == CANOPY_TIGHTEN_IDLE) {
+    if (tighten->stage == CANOPY_TIGHTEN_IDLE || tighten->stage == CANOPY_TIGHTEN_TAKE) {
         return CANOPY_EMPTY;
     }
     for (; budget > 0 && tighten->stage != CANOPY_TIGHTEN_DONE; budget--) {

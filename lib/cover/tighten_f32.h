@@ -107,8 +107,11 @@ void canopy_tighten_drop_rows(struct canopy_tighten *t);
 // Offers a row to be added, in order of cells. What is offered stands in the matrix.
 void canopy_tighten_offer(struct canopy_tighten *t, uint32_t cell, float s, float v, float z);
 
-// Adds what was offered and is not there, as far as there is room. A new row's slack is 1 and its dual 0.
+// Adds what was offered, as far as there is room: sift it before. A new row's slack is 1 and its dual 0.
 void canopy_tighten_take_rows(struct canopy_tighten *t);
+
+// Takes out of what is offered what is there.
+void canopy_tighten_sift_rows(struct canopy_tighten *t);
 
 // ---- The passes over the rows in use (tighten_pass_f32.c)
 
@@ -157,6 +160,7 @@ void canopy_tighten_finish_centre(struct canopy_tighten *t);
 void canopy_tighten_finish_recentre(struct canopy_tighten *t);
 void canopy_tighten_finish_try(struct canopy_tighten *t);
 void canopy_tighten_finish_accept(struct canopy_tighten *t);
+void canopy_tighten_finish_look(struct canopy_tighten *t);
 void canopy_tighten_take_step(struct canopy_tighten *t);
 
 // ---- What is published (tighten_publish_f32.c)

@@ -203,8 +203,7 @@ static bool is_sound(const struct canopy_tighten *t) {
 
 static void begin_look(struct canopy_tighten *t) {
     if (is_sound(t)) {
-        canopy_tighten_drop_rows(t);
-        canopy_tighten_go(t, CANOPY_TIGHTEN_LOOK);
+        canopy_tighten_go(t, CANOPY_TIGHTEN_DROP);
     } else {
         canopy_tighten_end(t);
     }
@@ -300,20 +299,24 @@ static void move_flags(struct canopy_tighten *t, bool shortened) {
     }
 }
 
-// The iterate after the step, which a constraint not in use may have shortened. The rows' duals follow when they are
-// measured.
-void canopy_tighten_take_step(struct canopy_tighten *t) {
-    const size_t count = canopy_tighten_coefficients(t);
+// A constraint not in use may have shortened the step.
+void canopy_tighten_finish_look(struct canopy_tighten *t) {
     const bool held = t->most[0] > 1.0f;
     t->alpha[0] *= held ? HELD / t->most[0] : 1.0f;
     move_flags(t, held);
+    canopy_tighten_sift_rows(t);
+    canopy_tighten_go(t, CANOPY_TIGHTEN_ADD);
+}
+
+// The iterate after the step. The rows' duals follow when they are measured.
+void canopy_tighten_take_step(struct canopy_tighten *t) {
+    const size_t count = canopy_tighten_coefficients(t);
     for (size_t j = 0; j < count; j++) {
         t->x[j] += t->alpha[0] * t->step[j];
         for (int k = 0; k < SIDES; k++) {
             t->dual[k][j] += t->seen[j] ? t->alpha[1] * t->dual_by[k][j] : 0.0f;
         }
     }
-    canopy_tighten_take_rows(t);
     const float part = smaller(t->alpha[0], t->alpha[1]);
     t->mu = part * t->mu + (1.0f - part) * t->mean;
     t->iterations++;

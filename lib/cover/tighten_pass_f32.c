@@ -7,7 +7,8 @@
 
 #define DUAL_LEAST 1e-30f
 #define SHARE_LEAST 1e-6f  // of the largest of a knot cell: less is not felt in the matrix
-#define BLOCKS 8           // in one unit of work
+#define BLOCKS 8           // in one unit of work …
+#define MATRIX_BLOCKS 2    // … that does not add to the matrix, or does
 
 static const uint8_t PAIR[4][4] = {{0, 1, 2, 3}, {1, 4, 5, 6}, {2, 5, 7, 8}, {3, 6, 8, 9}};
 enum { PAIRS = 10, PAIRS_ROOM = 12 };  // products of two of an axis' four weights
@@ -361,7 +362,8 @@ bool canopy_tighten_pass(struct canopy_tighten *t, enum canopy_tighten_pass pass
                                      [CANOPY_TIGHTEN_PASS_CENTRE] = 1,
                                      [CANOPY_TIGHTEN_PASS_ACCEPT] = 0};
     const uint32_t blocks = (t->row_count + LANES - 1) / LANES;
-    const uint32_t end = t->at + BLOCKS < blocks ? t->at + BLOCKS : blocks;
+    const uint32_t most = pass == CANOPY_TIGHTEN_PASS_MEASURE ? MATRIX_BLOCKS : BLOCKS;
+    const uint32_t end = t->at + most < blocks ? t->at + most : blocks;
     struct results to = {{{0}}, {{0}}, {0}, {{0}}};
     struct reading from = {.surface = surface[pass], .cell = UINT32_MAX};
     struct sums sums = {.wanted = wanted[pass], .squares = pass == CANOPY_TIGHTEN_PASS_MEASURE};

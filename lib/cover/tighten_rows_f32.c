@@ -121,8 +121,13 @@ static void copy_row(struct slot to, struct slot from) {
 
 // How many rows are no further than `most`.
 static uint32_t count_near(const struct canopy_tighten *t, float most) {
-    uint32_t near = 0;
-    for (uint32_t k = 0; k < t->row_count; k++) {
+    uint32_t near = 0, k = 0;
+    for (const struct canopy_tighten_rows *rows = t->rows; k + LANES <= t->row_count; k += LANES, rows++) {
+        for (int l = 0; l < LANES; l++) {
+            near += rows->slack[l] <= most;
+        }
+    }
+    for (; k < t->row_count; k++) {
         near += t->rows[k / LANES].slack[k % LANES] <= most;
     }
     return near;
@@ -181,8 +186,7 @@ static bool is_there(const struct canopy_tighten *t, uint32_t at, uint32_t from)
     return false;
 }
 
-// Takes out of what is offered what is there.
-static void sift(struct canopy_tighten *t) {
+void canopy_tighten_sift_rows(struct canopy_tighten *t) {
     uint32_t kept = 0, from = 0;
     for (uint32_t i = 0; i < t->offered; i++) {
         while (from < t->row_count && cell_of(in_use(t, from)) < cell_of(offered(t, i))) {
@@ -218,7 +222,7 @@ static void merge(struct canopy_tighten *t) {
 
 void canopy_tighten_offer(struct canopy_tighten *t, uint32_t cell, float s, float v, float z) {
     if (t->offered == offers_most(t)) {
-        sift(t);
+        canopy_tighten_sift_rows(t);
         merge(t);
     }
     const struct slot to = offered(t, t->offered++);
@@ -233,7 +237,6 @@ void canopy_tighten_offer(struct canopy_tighten *t, uint32_t cell, float s, floa
 }
 
 void canopy_tighten_take_rows(struct canopy_tighten *t) {
-    sift(t);
     merge(t);
     uint32_t in_cell = 0, cell = UINT32_MAX;
     t->crowded = 0;

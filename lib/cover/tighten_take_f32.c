@@ -8,6 +8,7 @@
 
 #define EDGE_LIMIT (1 << 24)  // edges of a float frame are whole quanta within +- this
 #define RANGE_LEAST 64        // steps
+#define FIELD_CELLS 256       // weighed in one unit of work
 
 // Where a point is, and how high.
 struct place {
@@ -318,36 +319,31 @@ static bool weigh_row(const struct canopy_tighten *t, uint32_t at, const float v
     return any;
 }
 
-static void weigh_field(struct canopy_tighten *t) {
+// One knot cell's part of the objective.
+static void weigh_cell(struct canopy_tighten *t, uint32_t cell, const float u[CANOPY_CELLS_MAX][4],
+                       const float v[CANOPY_CELLS_MAX][4], struct canopy_tighten_sum *heights) {
     const struct canopy_field *field = t->field;
     const uint32_t across = t->frame.size[1] - 1U, columns = field->axis[1].count;
     const uint32_t cu = field->axis[0].cells, cv = field->axis[1].cells;
-    float u[CANOPY_CELLS_MAX][4], v[CANOPY_CELLS_MAX][4];
-    struct canopy_tighten_sum heights = {0, 0};
-    find_means(field->axis[0].cells, u);
-    find_means(field->axis[1].cells, v);
-    for (uint32_t cell = 0; cell < canopy_tighten_cells(t); cell++) {
-        uint32_t from = cell / across * cu * columns + cell % across * cv;
-        float sum[4][4] = {{0}};
-        t->live[cell] = 0;
-        for (uint32_t k = 0; k < cu; k++, from += columns) {
-            float row[4] = {0};
-            if (weigh_row(t, from, (const float(*)[4])v, row, &heights)) {
-                t->live[cell] = 1;
-                for (int a = 0; a < 16; a++) {
-                    sum[a / 4][a % 4] += u[k][a / 4] * row[a % 4];
-                }
+    uint32_t from = cell / across * cu * columns + cell % across * cv;
+    float sum[4][4] = {{0}};
+    t->live[cell] = 0;
+    for (uint32_t k = 0; k < cu; k++, from += columns) {
+        float row[4] = {0};
+        if (weigh_row(t, from, v, row, heights)) {
+            t->live[cell] = 1;
+            for (int a = 0; a < 16; a++) {
+                sum[a / 4][a % 4] += u[k][a / 4] * row[a % 4];
             }
         }
-        if (t->live[cell]) {
-            add_cost(t, cell, (const float(*)[4])sum);
-        }
     }
-    t->height_mean = (heights.high + heights.low) / (float)t->points;
+    if (t->live[cell]) {
+        add_cost(t, cell, (const float(*)[4])sum);
+    }
 }
 
-enum canopy_status canopy_tighten_field(struct canopy_tighten *tighten, const struct canopy_field *field,
-                                        struct canopy_certify *certify) {
+enum canopy_status canopy_tighten_field_begin(struct canopy_tighten *tighten, const struct canopy_field *field,
+                                              struct canopy_certify *certify) {
     struct canopy_tighten *t = tighten;
     t->stage = CANOPY_TIGHTEN_IDLE;
     t->points = 0;
@@ -363,9 +359,41 @@ enum canopy_status canopy_tighten_field(struct canopy_tighten *tighten, const st
     t->field = field;
     t->certify = certify;
     begin_program(t);
-    weigh_field(t);
-    finish_program(t);
+    canopy_tighten_go(t, CANOPY_TIGHTEN_TAKE);
     return CANOPY_OK;
+}
+
+enum canopy_status canopy_tighten_field_step(struct canopy_tighten *tighten) {
+    struct canopy_tighten *t = tighten;
+    const uint32_t cells = canopy_tighten_cells(t), cu = t->size.cells[0], cv = t->size.cells[1];
+    float u[CANOPY_CELLS_MAX][4], v[CANOPY_CELLS_MAX][4];
+    struct canopy_tighten_sum heights = {t->sums[0], t->sums[1]};
+    if (t->stage != CANOPY_TIGHTEN_TAKE) {
+        return CANOPY_EMPTY;
+    }
+    find_means((uint16_t)cu, u);
+    find_means((uint16_t)cv, v);
+    for (uint32_t looked = 0; t->at < cells && looked < FIELD_CELLS; looked += cu * cv) {
+        weigh_cell(t, t->at++, (const float(*)[4])u, (const float(*)[4])v, &heights);
+    }
+    t->sums[0] = heights.high;
+    t->sums[1] = heights.low;
+    if (t->at < cells) {
+        return CANOPY_MORE;
+    }
+    t->height_mean = (heights.high + heights.low) / (float)t->points;
+    finish_program(t);
+    t->stage = CANOPY_TIGHTEN_IDLE;
+    return CANOPY_OK;
+}
+
+enum canopy_status canopy_tighten_field(struct canopy_tighten *tighten, const struct canopy_field *field,
+                                        struct canopy_certify *certify) {
+    enum canopy_status status = canopy_tighten_field_begin(tighten, field, certify);
+    if (status == CANOPY_OK) {
+        while ((status = canopy_tighten_field_step(tighten)) == CANOPY_MORE) {}
+    }
+    return status;
 }
 
 // ---- Another surface

@@ -141,7 +141,7 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
     const struct canopy_plc_config plc = {
         .size = {m, n},
         .side = grid->side,
-        .scalar = CANOPY_FX,
+        .scalar = config->fit->scalar,
         .clients = config->clients,
         .unit = config->unit,
         .source = {station, show_live, show_counters, ask_height, run_command},
@@ -159,10 +159,25 @@ static bool is_acceptable(const struct canopy_frame *frame, const struct canopy_
            frame->pitch[1] % grid->cells == 0;
 }
 
+static bool is_float(int64_t x) { return x >= -CANOPY_STATION_FLOAT_MOST && x <= CANOPY_STATION_FLOAT_MOST; }
+
+// Whether the points of a frame have the scalar; of a turned one nothing is known before they come.
+static bool has_scalar(const struct canopy_station *station, const struct canopy_frame *frame) {
+    bool within = true;
+    for (int a = 0; a < 3; a++) {
+        const int64_t low = frame->origin[a], high = low + (a < 2 ? (int64_t)canopy_frame_width(frame, a) : 0);
+        within = within && is_float(low) && is_float(high);
+    }
+    return within || station->config.fit->scalar == CANOPY_FX || !canopy_axes_are_straight(frame->axis);
+}
+
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame) {
     const struct canopy_grid *grid = &station->config.grid;
     if (!is_acceptable(frame, grid)) {
         return CANOPY_ARGUMENT;
+    }
+    if (!has_scalar(station, frame)) {
+        return CANOPY_RANGE;
     }
     struct canopy_station_turning *turning = station->config.turning;
     const bool turned = !canopy_axes_are_straight(frame->axis);
@@ -193,10 +208,15 @@ enum canopy_status canopy_station_begin(struct canopy_station *station, const st
 static enum canopy_status frame_around(const struct canopy_station *station, const int32_t low[3],
                                        const int32_t high[3], uint32_t uncertainty, struct canopy_frame *frame) {
     const struct canopy_station_config *config = &station->config;
-    if (canopy_axes_are_straight((const int32_t(*)[3])config->axes)) {
-        return canopy_frame_around_fx(frame, &config->grid, low, high);
+    for (int a = 0; a < 3 && config->fit->scalar == CANOPY_F32; a++) {
+        if (!is_float(low[a]) || !is_float(high[a])) {
+            return CANOPY_RANGE;
+        }
     }
-    return config->turning->turned_frame(config, low, high, uncertainty, frame);
+    const bool straight = canopy_axes_are_straight((const int32_t(*)[3])config->axes);
+    const enum canopy_status status = straight ? canopy_frame_around_fx(frame, &config->grid, low, high)
+                                               : config->turning->turned_frame(config, low, high, uncertainty, frame);
+    return status == CANOPY_OK && !has_scalar(station, frame) ? CANOPY_RANGE : status;
 }
 
 static enum canopy_status begin_around(struct canopy_station *station, const int32_t low[3], const int32_t high[3],

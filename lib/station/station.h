@@ -27,7 +27,11 @@
 ///     rejected, but what of its uncertainty reaches into the frame counts all the same.
 ///   - Stale is an age of more than stale_after_us since the last accepted reading. The last envelope stays readable.
 ///
-/// All calls on one station come from one thread. Nothing blocks. Coordinates are fixed point: whole device units.
+/// All calls on one station come from one thread. Nothing blocks. Coordinates are whole device units, whichever scalar
+/// the solves have. That of config.fit is told in the registers, and says how a PLC's file reads a point: in float, as
+/// the float nearest to it. So that it is the point itself, a scene in float is within +- CANOPY_STATION_FLOAT_MOST, or
+/// refused; a reading with a z further down than that counts as being there, and one further up, or (turned) anywhere
+/// else beyond, is out of range: rejected, and an intrusion. (Up is the unsafe side: down for an envelope below.)
 #ifndef CANOPY_STATION_H
 #define CANOPY_STATION_H
 
@@ -45,11 +49,13 @@
 #include "lib/station/show.h"
 #include "lib/status.h"
 
+#define CANOPY_STATION_FLOAT_MOST (1 << 24)  ///< whole numbers up to that are floats
+
 struct canopy_station_config {
     struct canopy_grid grid;
     struct canopy_station_turning *turning;  ///< for turned frames (lib/station/turning.h), else NULL
     int32_t axes[3][3];  ///< of the frames made around a scanner's scene (canopy_axes_*); all 0: x, y and z
-    const struct canopy_line_fit *fit;  ///< arithmetic of the solves (canopy_fast_init)
+    const struct canopy_line_fit *fit;  ///< arithmetic of the solves (canopy_fast_init), and the envelope's scalar
     uint16_t lines;           ///< lines a knot interval of u (canopy_fast_init): 1, or more for tighter and slower
     uint8_t clients;          ///< of the PLC side
     float unit;               ///< of the scene: point = device units * unit
@@ -162,7 +168,8 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame);
 
 /// Begins a scene in the smallest frame that holds what the scanner says of it, all corners of its box; does nothing
-/// where that is the frame already. CANOPY_RANGE: with config.axes no frame holds it (canopy_frame_around_turned_fx).
+/// where that is the frame already. CANOPY_RANGE: with config.axes no frame holds it (canopy_frame_around_turned_fx), or
+/// not in float.
 enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
                                             const int32_t high[3]);
 

@@ -65,16 +65,8 @@ static enum canopy_status enter(struct canopy_station *station, const int32_t po
     return canopy_field_insert_fx(&station->field, worst, hit);
 }
 
-enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
-                                          uint64_t now_us) {
-    station->now_us = now_us;
-    if (station->stage == CANOPY_STATION_WAITING) {
-        station->rejected++;
-        return CANOPY_EMPTY;
-    }
-    if (station->turned) {
-        return station->config.turning->turned_reading(station->config.turning, station, point, uncertainty);
-    }
+// A reading in a frame with axes x, y and z.
+static enum canopy_status take(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty) {
     int32_t worst[3];
     struct canopy_field_hit hit;
     const enum canopy_status status = enter(station, point, uncertainty, worst, &hit);
@@ -86,6 +78,42 @@ enum canopy_status canopy_station_reading(struct canopy_station *station, const 
         canopy_station_intrude(station);
     }
     return CANOPY_OK;
+}
+
+static bool are_floats(const int32_t point[3]) {
+    const uint32_t most = CANOPY_STATION_FLOAT_MOST;  // added, negative numbers are none
+    return (uint32_t)point[0] + most <= 2 * most && (uint32_t)point[1] + most <= 2 * most &&
+           (uint32_t)point[2] + most <= 2 * most;
+}
+
+// A reading that is not one of floats, in a station that has them. A lower z than there is counts as the lowest: what
+// is above that is above the reading, and above the float nearest to it.
+static enum canopy_status take_far(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty) {
+    const bool above = station->config.grid.side == CANOPY_ABOVE;
+    if (!station->turned && is_beside(&station->field.frame, point)) {
+        return canopy_station_reject(station, CANOPY_OUT_OF_FRAME);
+    }
+    if (station->turned || (point[2] > 0) == above) {
+        return canopy_station_reject(station, CANOPY_RANGE);
+    }
+    const int32_t lowest = above ? -CANOPY_STATION_FLOAT_MOST : CANOPY_STATION_FLOAT_MOST;
+    return take(station, (const int32_t[3]){point[0], point[1], lowest}, uncertainty);
+}
+
+enum canopy_status canopy_station_reading(struct canopy_station *station, const int32_t point[3], uint32_t uncertainty,
+                                          uint64_t now_us) {
+    station->now_us = now_us;
+    if (station->stage == CANOPY_STATION_WAITING) {
+        station->rejected++;
+        return CANOPY_EMPTY;
+    }
+    if (station->config.fit->scalar == CANOPY_F32 && !are_floats(point)) {
+        return take_far(station, point, uncertainty);
+    }
+    if (station->turned) {
+        return station->config.turning->turned_reading(station->config.turning, station, point, uncertainty);
+    }
+    return take(station, point, uncertainty);
 }
 
 bool canopy_station_profile(struct canopy_station *station, struct canopy_profile_driver *driver, uint16_t *column,

@@ -7,7 +7,7 @@
 ///     station.spare = &tightening.spare;
 ///
 /// Arena for 10 x 10, Q = 4 with CANOPY_TIGHTEN_ROWS_FEW: 33 KB, of which 14 KB are the matrix; 20 x 20: 178 KB. A
-/// piece of work is a unit of canopy_tighten_step; the first after each fit looks at the whole field.
+/// piece of work is a unit of canopy_tighten_step or of canopy_tighten_field_step (docs/tightening.md has how long).
 #ifndef CANOPY_STATION_TIGHTENING_H
 #define CANOPY_STATION_TIGHTENING_H
 

@@ -15,21 +15,29 @@ static bool spare_begin(struct canopy_station_spare *spare, const struct canopy_
     struct canopy_station_tightening *t = of(spare);
     const size_t count = (size_t)field->frame.size[0] * field->frame.size[1];
     if (canopy_tighten_init(&t->tighten, &field->frame, &t->size, t->arena, t->bytes) != CANOPY_OK ||
-        canopy_tighten_field(&t->tighten, field, certify) != CANOPY_OK) {
+        canopy_tighten_field_begin(&t->tighten, field, certify) != CANOPY_OK) {
         return false;
     }
     memcpy(t->b, published, 4 * count);
-    return canopy_tighten_begin(&t->tighten, t->b, true) == CANOPY_OK;
+    return true;
 }
 
 static enum canopy_status spare_step(struct canopy_station_spare *spare) {
-    return canopy_tighten_step(&of(spare)->tighten, 1);
+    struct canopy_station_tightening *t = of(spare);
+    if (t->tighten.stage != CANOPY_TIGHTEN_TAKE) {
+        return canopy_tighten_step(&t->tighten, 1);
+    }
+    if (canopy_tighten_field_step(&t->tighten) == CANOPY_MORE) {
+        return CANOPY_MORE;
+    }
+    const enum canopy_status status = canopy_tighten_begin(&t->tighten, t->b, true);
+    return status == CANOPY_OK ? CANOPY_MORE : status;
 }
 
 static bool spare_take(struct canopy_station_spare *spare, int32_t *coefficients) {
     const struct canopy_station_tightening *t = of(spare);
     memcpy(coefficients, t->b, 4U * t->tighten.frame.size[0] * t->tighten.frame.size[1]);
-    return t->tighten.published > 1;
+    return t->tighten.stage != CANOPY_TIGHTEN_TAKE && t->tighten.published > 1;
 }
 
 enum canopy_status canopy_station_tightening_init(struct canopy_station_tightening *tightening,
