@@ -81,6 +81,7 @@ static void start_uart_pins(uint32_t send, uint32_t receive) {
 static void start_chip_and_console(void) {
     canopy_rp2040_start_chip();
     start_output(BOARD_UART0_DIRECTION_PIN);
+    start_output(BOARD_LED_PIN);
     start_uart_pins(BOARD_UART1_SEND_PIN, BOARD_UART1_RECEIVE_PIN);
     canopy_pl011_start_printing(RP2040_UART1, RP2040_RESET_UART1, CANOPY_RP2040_CLOCK_HZ, CONSOLE_BAUD);
     chip_runs = true;
@@ -158,7 +159,9 @@ void canopy_board_sleep(uint64_t due_us, uint32_t seen) {
         return;
     const uint64_t most_us = now_us + LONGEST_SLEEP_US;
     canopy_rp2040_set_alarm(ALARM_SLEEP, due_us < most_us ? due_us : most_us);
+    canopy_rp2040_put(RP2040_GPIO_OUT_CLEAR, 1u << BOARD_LED_PIN);
     canopy_cortexm_idle(seen);
+    canopy_rp2040_put(RP2040_GPIO_OUT_SET, 1u << BOARD_LED_PIN);
 }
 
 // Bounded, as with canopy_board_put. What was printed last is still on the wire, and a reset would cut it.
