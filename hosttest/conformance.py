@@ -162,7 +162,9 @@ class Running:
             self.close()
             raise
 
-    def start(self, counting):
+    def start(self, counting=False):
+        for left in self.scratch.glob("line*"):
+            left.unlink()  # of the run before the power failed
         extra = [word.format(scratch=self.scratch) for word in self.expected.extra]
         self.emulator = Emulator("conformance.elf", self.scratch, self.name, counting, extra)
         ends = [Line(line.fileno()) for line in self.emulator.lines]
@@ -214,6 +216,11 @@ class Running:
                 return range(start, start + (int(words[1], 16) if len(words) == 4 else 1))
         raise KeyError(name)
 
+    def power_off_and_on(self):
+        self.close()
+        self.start()
+        self.wait_started()
+
     def close(self):
         self.emulator.close()
 
@@ -221,7 +228,7 @@ class Running:
 class Process(Running):
     """A port that runs on the host."""
 
-    def start(self, counting):
+    def start(self, counting=False):
         self.image = BUILD / f"test/conformance_{self.name}"
         self.ends = [pty.openpty() for _ in range(self.expected.lines)]
         for _, far in self.ends:

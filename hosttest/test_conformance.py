@@ -6,9 +6,16 @@ import threading
 import pytest
 
 import bench_firmware
-from conformance import BELOW_STACK, FAULTS, STATUS_UNSUPPORTED, UNSUPPORTED, WATCHDOG, on, pattern
+import conformance
+from conformance import (BELOW_STACK, FAULTS, STATUS_ARGUMENT, STATUS_OK, STATUS_UNSUPPORTED, UNSUPPORTED, WATCHDOG, on,
+                         pattern)
 from conformance import board, keeper, name  # noqa: F401  (fixtures)
 from running import BUILD
+
+
+def test_every_board_with_firmware_is_expected_to_do_something():
+    boards = {mk.parent.name for mk in (conformance.ROOT / "boards").glob("*/board.mk")}
+    assert boards | {"linux", "template"} == set(conformance.BOARDS)
 
 
 @on()
@@ -72,7 +79,7 @@ def test_all_lines_carry_both_directions_at_once(board):
                 line.send(pattern(ready - sent, number + sent))
                 sent = ready
                 continue
-            heard = line.hear(10)
+            heard = line.hear(20)
             if not heard:
                 break
             got += heard
@@ -137,7 +144,7 @@ def test_a_flood_is_counted_to_the_byte_and_leaves_no_trace(board):
     flood = 5000
     for number, line in each_line(board):
         lost_before = board.ask("look", number)[2]
-        board.tell("deaf", number, 100000)
+        board.tell("deaf", number, 100000, flood)
         assert board.orders.take_line() == "ready"
         line.send(pattern(flood))
         count, right, lost = board.numbers()
@@ -186,6 +193,101 @@ def test_without_flash_every_call_is_unsupported(board):
     assert board.ask_text("program", 0, 0, 0) == STATUS_UNSUPPORTED
     assert board.ask_text("program", 0, 0, 256) == STATUS_UNSUPPORTED
     assert board.ask_text("read", 0, 0, 16) == STATUS_UNSUPPORTED
+
+
+class Flash:
+    """The board's, with a model of it beside: what is not written is what it was."""
+
+    def __init__(self, board):
+        self.board, (self.pages, self.page, self.unit) = board, board.expected.flash
+        self.model = {}
+
+    def erase(self, page):
+        self.model[page] = bytearray(b"\xff" * self.page)
+        assert self.board.ask_text("erase", page, seconds=60) == STATUS_OK
+        assert self.board.ask("sum", page)[0] == 0, "all bytes are 0xFF"
+
+    def program(self, page, offset, length, mark):
+        data = bytes([mark, 0x80 + page]) + bytes(i & 255 for i in range(2, length))
+        self.model[page][offset:offset + length] = data
+        assert self.board.ask_text("program", page, offset, length, data[:2].hex(), seconds=60) == STATUS_OK
+
+    def read(self, page, offset, length):
+        status, data = (self.board.ask_text("read", page, offset, length).split() + [""])[:2]
+        assert status == STATUS_OK
+        return bytes.fromhex(data)
+
+    def assert_as_modelled(self):
+        for page, data in self.model.items():
+            written = sum(byte != 0xFF for byte in data)
+            total = sum(byte * place for place, byte in enumerate(data, 1)) % 2 ** 32
+            assert self.board.ask("sum", page) == [written, total]
+
+
+@on(lambda expected: expected.flash[0])
+def test_flash_keeps_what_is_written_through_reset_and_loss_of_power(board):
+    flash = Flash(board)
+    for page in range(flash.pages):
+        flash.erase(page)
+    for page in range(flash.pages):
+        flash.program(page, 0, flash.unit, 1)
+        flash.program(page, flash.page - flash.unit, flash.unit, 2)
+        flash.program(page, 2 * flash.unit, 2 * flash.unit, 3)
+    flash.assert_as_modelled()
+    board.tell("reset")
+    board.wait_started()
+    flash.assert_as_modelled()
+    board.power_off_and_on()
+    flash.assert_as_modelled()
+    flash.erase(0)  # of the others nothing
+    flash.assert_as_modelled()
+
+
+@on(lambda expected: expected.flash[0])
+def test_flash_is_read_at_any_place_and_length(board):
+    flash = Flash(board)
+    page = flash.pages - 1
+    flash.erase(page)
+    for offset in range(0, 4 * flash.unit, flash.unit):
+        flash.program(page, offset, flash.unit, offset // flash.unit)
+    for offset, length in ((0, 0), (0, 1), (1, 3), (flash.unit - 1, 2), (flash.unit, flash.unit), (3, 3 * flash.unit),
+                           (flash.page - 1, 1), (flash.page, 0)):
+        assert flash.read(page, offset, length) == flash.model[page][offset:offset + length]
+
+
+@on(lambda expected: expected.flash[0])
+def test_flash_outside_of_its_pages_is_refused_and_nothing_changes(board):
+    flash = Flash(board)
+    for page in range(flash.pages):
+        flash.erase(page)
+    flash.program(0, 0, flash.unit, 9)
+    last, end, far = flash.pages - 1, flash.page, 2 ** 32
+    for page in (flash.pages, flash.pages + 1, far // flash.page, far - 1):
+        assert board.ask_text("erase", page) == STATUS_ARGUMENT
+        assert board.ask_text("program", page, 0, flash.unit) == STATUS_ARGUMENT
+        assert board.ask_text("read", page, 0, 1) == STATUS_ARGUMENT
+    for offset, length in ((end, flash.unit), (end - flash.unit, 2 * flash.unit), (far - flash.unit, flash.unit),
+                           (flash.unit, far - flash.unit)):
+        assert board.ask_text("program", last, offset, length) == STATUS_ARGUMENT
+    for offset, length in ((end, 1), (end - 1, 2), (far - 1, 1), (far - 1, 2)):
+        assert board.ask_text("read", last, offset, length) == STATUS_ARGUMENT
+    if flash.unit > 1:
+        for offset, length in ((1, flash.unit), (0, 1), (flash.unit - 1, 1), (0, flash.unit + 1)):
+            assert board.ask_text("program", last, offset, length) == STATUS_ARGUMENT
+    assert board.ask_text("program", last, 0, 0) == STATUS_OK
+    flash.assert_as_modelled()
+
+
+@on(lambda expected: expected.flash[0] and expected.watchdog)
+def test_a_watchdog_waits_for_the_flash(board):
+    flash = Flash(board)
+    assert board.ask("watch", 20000) == [1]  # half of what an erase takes
+    flash.erase(0)
+    flash.program(0, 0, flash.unit, 1)
+    assert board.ask_text("crash") == "none"
+    flash.assert_as_modelled()
+    board.tell("reset")
+    board.wait_started()
 
 
 # ---- Crashes

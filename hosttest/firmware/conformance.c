@@ -12,7 +12,7 @@
 #define ORDER_LENGTH 240u  // within every port's receive ring
 #define ARGUMENTS 6u
 #define BYTES 1040u  // of a transfer, a page or a piece of it: 1 KiB and a little beyond
-#define PATIENCE_US 3000000u
+#define PATIENCE_US 10000000u
 #define PATTERN 94u  // printable, so that an answer's end of line ends the pattern too
 
 static struct canopy_board board;
@@ -304,8 +304,8 @@ static void look(const uint32_t *argument, const char *rest) {
     say_number(lost_of(argument[0]));
 }
 
-// deaf LINE US: after "ready" does not read for so long, then reads until the line is quiet. How many bytes there were,
-// how many of them from the first on were the pattern, how many were lost.
+// deaf LINE US COUNT: after "ready" does not read for so long, then reads until COUNT bytes are read or lost. How many
+// were read, how many of them from the first on were the pattern, how many were lost.
 static void be_deaf(const uint32_t *argument, const char *rest) {
     const uint32_t lost_before = lost_of(argument[0]);
     uint32_t count = 0, right = 0;
@@ -313,14 +313,15 @@ static void be_deaf(const uint32_t *argument, const char *rest) {
     say("ready\n");
     for (const uint64_t end_us = now_us() + argument[1]; now_us() < end_us; feed())
         canopy_board_sleep(end_us, canopy_board_activity());
-    for (uint64_t since_us = now_us(); now_us() - since_us < 200000u; feed()) {
-        const uint32_t seen = canopy_board_activity();
+    uint64_t since_us = now_us();
+    for (uint32_t seen = canopy_board_activity(); count + lost_of(argument[0]) - lost_before < argument[2];) {
+        if (!goes_on(since_us, seen))
+            break;
+        seen = canopy_board_activity();
         const size_t got = read_line(argument[0], in, sizeof in);
         for (size_t i = 0; i < got; i++, count++)
             right += right == count && in[i] == pattern(count) ? 1 : 0;
         since_us = got > 0 ? now_us() : since_us;
-        if (got == 0)
-            canopy_board_sleep(since_us + 200000u, seen);
     }
     say_number(count);
     say_number(right);
@@ -478,19 +479,22 @@ static void read_flash(const uint32_t *argument, const char *rest) {
     say_bytes(in, status == CANOPY_OK ? length : 0);
 }
 
-// blank PAGE: its bytes that are not 0xFF.
-static void count_written(const uint32_t *argument, const char *rest) {
-    uint32_t written = 0;
+// sum PAGE: its bytes that are not 0xFF, and the sum of byte times place, from 1 on, modulo 2^32.
+static void sum_page(const uint32_t *argument, const char *rest) {
+    uint32_t written = 0, sum = 0;
     (void)rest;
     for (uint32_t at = 0; at < board.flash.page_bytes; at += 256u) {
         const uint32_t left = board.flash.page_bytes - at, length = left < 256u ? left : 256u;
         memset(in, 0, length);
         (void)board.flash.read(board.flash.context, argument[0], at, in, length);
-        for (uint32_t i = 0; i < length; i++)
+        for (uint32_t i = 0; i < length; i++) {
             written += in[i] != 0xFF ? 1 : 0;
+            sum += in[i] * (at + i + 1u);
+        }
         feed();
     }
     say_number(written);
+    say_number(sum);
 }
 
 // ---- Crashes
@@ -583,30 +587,14 @@ static const struct order {
     uint8_t arguments;
     bool of_line;  // the first argument is a line's number
 } ORDERS[] = {
-    {"about", about, 0, false},
-    {"now", tell_time, 0, false},
-    {"clock", read_clock, 1, false},
-    {"sleep", sleep_often, 2, false},
-    {"nap", sleep_once, 1, false},
-    {"wake", wake, 3, true},
-    {"echo", echo, 3, true},
-    {"fill", fill, 1, true},
-    {"duplex", run_duplex, 2, false},
-    {"write", write_all, 2, true},
-    {"look", look, 1, true},
-    {"deaf", be_deaf, 2, true},
-    {"serve", serve, 3, true},
-    {"i2c", transfer, 5, false},
-    {"bus", poll_i2c, 0, false},
-    {"erase", erase, 1, false},
-    {"program", program, 3, false},
-    {"read", read_flash, 3, false},
-    {"blank", count_written, 1, false},
-    {"crash", tell_crash, 0, false},
-    {"forget", forget, 0, false},
-    {"watch", watch, 1, false},
-    {"put", put, 0, false},
-    {"reset", reset, 0, false},
+    {"about", about, 0, false},       {"now", tell_time, 0, false},    {"clock", read_clock, 1, false},
+    {"sleep", sleep_often, 2, false}, {"nap", sleep_once, 1, false},   {"wake", wake, 3, true},
+    {"echo", echo, 3, true},          {"fill", fill, 1, true},         {"duplex", run_duplex, 2, false},
+    {"write", write_all, 2, true},    {"look", look, 1, true},         {"deaf", be_deaf, 3, true},
+    {"serve", serve, 3, true},        {"i2c", transfer, 5, false},     {"bus", poll_i2c, 0, false},
+    {"erase", erase, 1, false},       {"program", program, 3, false},  {"read", read_flash, 3, false},
+    {"sum", sum_page, 1, false},      {"crash", tell_crash, 0, false}, {"forget", forget, 0, false},
+    {"watch", watch, 1, false},       {"put", put, 0, false},          {"reset", reset, 0, false},
     {"fault", fault, 2, false},
 };
 

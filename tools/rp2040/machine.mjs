@@ -64,7 +64,8 @@ export class Machine {
             this.waiting.push(deliver);
             return;
         }
-        if (this.paced && this.chip.core.waiting) {
+        const { core } = this.chip;
+        if (this.paced && core.waiting && !core.interruptsUpdated) {
             this.chip.clock.skipTo(Math.min(this.realNanos(), this.nextAlarmNanos));
         }
         deliver();
