@@ -146,7 +146,6 @@ function load(machine, options) {
     }
     if (options.flash !== undefined) {
         process.on('exit', () => flash.saveFile(options.flash));
-        ['SIGTERM', 'SIGINT', 'SIGHUP'].forEach((signal) => process.on(signal, () => process.exit(1)));
     }
 }
 
@@ -192,6 +191,9 @@ function statusOf(problem) {
     }
     return problem instanceof BadInput ? 2 : 3;
 }
+
+// What is kept is written down, however a run ends.
+['SIGTERM', 'SIGINT', 'SIGHUP'].forEach((signal) => process.on(signal, () => process.exit(1)));
 
 try {
     process.exitCode = await main();
