@@ -247,11 +247,20 @@ $(NODE): tools/rp2040/package.json tools/rp2040/package-lock.json | setup-node
 	@cd $(BUILD)/node && npm ci --ignore-scripts --no-audit --no-fund --no-update-notifier --loglevel=error --cache=cache
 	@touch $@
 
-.PHONY: size stack
-size: $(MEASURED)  ## flash and RAM of the images, by section and by object, against the board's budgets
-	@$(PYTHON) tools/size.py $(if $(filter mps2_an385,$(MEASURED_BOARDS)),$(mps2_an385_BUDGETS:%=--budget %)) $(MEASURED:.elf=.map)
-stack: $(MEASURED)  ## worst-case stack of the station's images, from the call graph
-	@$(PYTHON) tools/stack.py --calls tools/calls.txt $(MEASURED)
+# Against tools/budget.csv, with the difference to the last commit's values; RENEW=1 writes what is measured into it
+BUDGET = $(PYTHON) tools/budget.py $(1) --build $(BUILD) $(MEASURED_BOARDS:%=--board %) $(if $(RENEW),--renew)
+PROGRAMS_COUNTED := $(foreach board,$(MEASURED_BOARDS),$(filter %/cycles.elf %/tight.elf,$($(board)_OTHERS)))
+.PHONY: size stack cycles boards
+size: $(MEASURED)  ## flash and RAM of the stations, all boards or BOARD=x; DETAILS=1: by section and by object
+	@$(if $(DETAILS),$(PYTHON) tools/size.py $(MEASURED:.elf=.map))
+	@$(call BUDGET,size)
+stack: $(MEASURED)  ## their worst-case stack, from the call graph; DETAILS=1: the deepest paths
+	@$(if $(DETAILS),$(PYTHON) tools/stack.py --calls tools/calls.txt $(MEASURED))
+	@$(call BUDGET,stack)
+cycles: $(MEASURED) $(PROGRAMS_COUNTED) $(if $(filter rp2040_pico,$(MEASURED_BOARDS)),$(NODE)) | setup-emulator  ## instructions, counted in each board's emulator
+	@$(call BUDGET,cycles)
+boards:  ## the README's table of boards, from tools/budget.csv
+	@$(PYTHON) tools/budget.py boards
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Whole runs: scripts of tools/ that take what has been built

@@ -101,7 +101,7 @@ def test_a_heap_does_not_link(tmp_path):
 def test_make_alone_lists_the_targets():
     done = subprocess.run(["make", "-s"], cwd=ROOT, capture_output=True, text=True, check=True)
     names = [line.split()[1] for line in done.stdout.splitlines()]
-    for name in "demo test bench firmware size stack lint coverage fuzz clean all tools".split():
+    for name in "demo test bench firmware size stack cycles boards lint coverage fuzz clean all tools".split():
         assert name in names
 
 

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
 """Flash and RAM of firmware images, by section, by room and by object, from the linker's maps.
 
-Usage: tools/size.py [--budget IMAGE:FLASH:RAM]... [--json FILE] IMAGE.map...
+Usage: tools/size.py [--json FILE] IMAGE.map...
 
-RAM is static and includes the stack that the linker script reserves; there is no heap. The exit status is 1 when an image is
-over its budget.
+RAM is static and includes the stack that the linker script reserves; there is no heap. tools/budget.py holds the sums to
+their budgets.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-FLASH = {".text", ".ARM.exidx", ".data", ".flash_crc"}
+FLASH = {".boot2", ".boot2_check", ".text", ".ARM.exidx", ".data", ".flash_crc"}
 RAM = {".stack", ".data", ".bss", ".noinit"}
 OUTPUT = re.compile(r"^(\.\S+)(?:\s+0x([0-9a-f]+)\s+0x([0-9a-f]+))?")
 INPUT = re.compile(r"^ (?:(\.\S+|COMMON)\s+)?0x([0-9a-f]+)\s+0x([0-9a-f]+) (\S.*)$")
@@ -92,47 +92,32 @@ def table(title, rows):
         print(f"    {name:42} {flash:8} {ram:8}")
 
 
-def report(path, budgets, details):
+def report(path):
     sections, owners = read(path)
     owners = name_objects(owners, members_of(path.parent))
     flash, ram = total(sections, FLASH), total(sections, RAM)
     print(f"{path.stem}: flash {flash}, ram {ram} of which stack {sections.get('.stack', 0)}")
     print("  " + ", ".join(f"{name} {size}" for name, size in sections.items()))
-    if details:
-        rooms = defaultdict(lambda: [0, 0])
-        for name, parts in owners.items():
-            rooms[room(name)][0] += total(parts, FLASH)
-            rooms[room(name)][1] += total(parts, RAM)
-        table("by room", [(name, *sizes) for name, sizes in rooms.items()])
-        table("by object", [(name, total(parts, FLASH), total(parts, RAM)) for name, parts in owners.items()])
-    over = False
-    if path.stem in budgets:
-        for kind, used, allowed in zip(("flash", "ram"), (flash, ram), budgets[path.stem]):
-            verdict = "over budget" if used > allowed else "within budget"
-            print(f"  {kind} {verdict}: {used} of {allowed}")
-            over = over or used > allowed
+    rooms = defaultdict(lambda: [0, 0])
+    for name, parts in owners.items():
+        rooms[room(name)][0] += total(parts, FLASH)
+        rooms[room(name)][1] += total(parts, RAM)
+    table("by room", [(name, *sizes) for name, sizes in rooms.items()])
+    table("by object", [(name, total(parts, FLASH), total(parts, RAM)) for name, parts in owners.items()])
     result = {"flash": flash, "ram": ram, "sections": sections,
               "objects": {name: {"flash": total(parts, FLASH), "ram": total(parts, RAM)} for name, parts in owners.items()}}
-    return over, result
+    return result
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--budget", action="append", default=[], metavar="IMAGE:FLASH:RAM")
     parser.add_argument("--json", type=Path, help="write the same there")
     parser.add_argument("maps", nargs="*", type=Path)
     arguments = parser.parse_args()
-    budgets = {}
-    for budget in arguments.budget:
-        image, flash, ram = budget.split(":")
-        budgets[image] = (int(flash), int(ram))
-    over, results = False, {}
-    for path in arguments.maps:
-        image_over, results[path.stem] = report(path, budgets, True)
-        over = over or image_over
+    results = {path.stem: report(path) for path in arguments.maps}
     if arguments.json:
         arguments.json.write_text(json.dumps(results, indent=1) + "\n")
-    return 1 if over else 0
+    return 0
 
 
 if __name__ == "__main__":

@@ -276,7 +276,8 @@ class Stack:
         return self.known[title]
 
 
-def report(path, table):
+def measure(path, table):
+    """The worst case of an image: {"worst", "size", "parts": {label: bytes}, "chains": [(label, pushed, bytes, chain)]}."""
     image, graph = Image(path), Graph(path)
     if graph.problems:
         raise Problem("\n".join(graph.problems))
@@ -289,14 +290,20 @@ def report(path, table):
         elif titles:
             frames = [(title, stack.frame_and_calls(title)[0]) for title in titles]
             parts.append((label, image.machine.PUSHED, (sum(size for _, size in frames), frames)))
-    worst = sum(pushed + found[0] for _, pushed, found in parts)
-    room = image.symbols["canopy_stack_size"]
+    return {"worst": sum(pushed + found[0] for _, pushed, found in parts), "size": image.symbols["canopy_stack_size"],
+            "parts": {label: pushed + found[0] for label, pushed, found in parts},
+            "chains": [(label, pushed, *found) for label, pushed, found in parts]}
+
+
+def report(path, table):
+    result = measure(path, table)
+    worst, room = result["worst"], result["size"]
     print(f"{path.stem}: worst-case stack {worst} of {room} bytes, {room - worst} to spare")
-    for label, pushed, (size, chain) in parts:
+    for label, pushed, size, chain in result.pop("chains"):
         print(f"  {label}: {pushed + size}" + (f" ({pushed} of it pushed by the processor)" if pushed else ""))
         for title, frame in chain:
             print(f"    {frame:6} {title.split(':')[-1]}")
-    return {"worst": worst, "size": room, "parts": {label: pushed + found[0] for label, pushed, found in parts}}
+    return result
 
 
 def main():

@@ -10,5 +10,3 @@ BOARD_STACK := 2048
 BOARD_GRIDS := 10x10
 # Of hosttest/firmware
 BOARD_PROGRAMS := belt conformance count cycles query ray sandwich
-# image:flash:ram in bytes, RAM with the stack
-mps2_an385_BUDGETS := canopy:65536:40960 canopy-10x10:65536:16384

@@ -4,8 +4,9 @@
 //   hills    value noise of six octaves, as rough as a terrain (the smallest waves are shorter than a field cell)
 //   boxes    parts with vertical walls on a plane, some columns without a reading
 // `feed` is canopy_field_feed_fx alone, in batches; `reading` the whole way of a reading through the station. `fit` is
-// canopy_fast from begin to done with lines at the integers, `certify` the certificate, `refit` both as the station
-// does them, up to the publication. A request is what the RTU server does from the first byte to the whole reply.
+// canopy_fast from begin to done with lines at the integers, `line` the mean of its lines, `certify` the certificate,
+// `refit` both as the station does them, up to the publication, and `refit_10x10` the same of 10 x 10 coefficients. A
+// request is what the RTU server does from the first byte to the whole reply.
 #include <string.h>
 
 #include "hosttest/firmware/print.h"
@@ -19,6 +20,7 @@
 #define M 20
 #define N 20
 #define CELLS 4
+#define SMALL 10
 #define LINES 1
 #define COLUMNS 400
 #define PROFILES 344
@@ -52,6 +54,14 @@ static void result(const struct scene *scene, const char *name, uint64_t value) 
     print_text(scene->name);
     print_text("_");
     print_result(name, (int64_t)value);
+}
+
+// The same of a part of what `name` is.
+static void result_of(const struct scene *scene, const char *name, const char *part, uint64_t value) {
+    print_text(scene->name);
+    print_text("_");
+    print_text(name);
+    print_result(part, (int64_t)value);
 }
 
 static void fail(const char *what) {
@@ -89,19 +99,22 @@ static void take_reading(void) {
 
 static void measure_fit(const struct scene *scene) {
     int32_t *coefficients = canopy_plc_begin(&station.plc)->coefficients;
-    uint64_t most = 0, start = canopy_board_instructions();
+    uint64_t most = 0, lines = 0, start = canopy_board_instructions();
     const uint64_t begin = start;
     if (canopy_fast_begin(&station.fast, coefficients) != CANOPY_OK)
         fail("no fit");
     enum canopy_status status;
     do {
         const uint64_t before = canopy_board_instructions();
+        const bool is_line = station.fast.stage == CANOPY_FAST_LINES;
         status = canopy_fast_step(&station.fast, 1);
         const uint64_t one = canopy_board_instructions() - before;
+        lines += is_line ? one : 0;
         most = one > most ? one : most;
     } while (status == CANOPY_MORE);
     const uint64_t fit = canopy_board_instructions() - begin;
     result(scene, "fit", fit);
+    result(scene, "line", lines / (LINES * (M - 1) + 1));
     result(scene, "fit_solves", station.fast.solves);
     result(scene, "fit_unsettled", station.fast.unsettled);
     result(scene, "fit_longest_step", most);
@@ -117,7 +130,7 @@ static void measure_fit(const struct scene *scene) {
 }
 
 // The station's own way, from the decision to the publication, one unit of work a step.
-static void measure_refit(const struct scene *scene) {
+static void measure_refit(const struct scene *scene, const char *name) {
     uint64_t most = 0;
     const uint64_t start = canopy_board_instructions();
     uint32_t steps = 0;
@@ -127,16 +140,16 @@ static void measure_refit(const struct scene *scene) {
         const uint64_t one = canopy_board_instructions() - before;
         most = one > most ? one : most;
     }
-    result(scene, "refit", canopy_board_instructions() - start);
-    result(scene, "refit_steps", steps);
-    result(scene, "refit_longest_step", most);
+    result(scene, name, canopy_board_instructions() - start);
+    result_of(scene, name, "_steps", steps);
+    result_of(scene, name, "_longest_step", most);
     if (canopy_plc_published(&station.plc) == NULL || station.published_points != COLUMNS * PROFILES)
         fail("nothing was published");
 }
 
-static void measure_scene(const struct scene *scene) {
+static void begin_station(uint16_t m, uint16_t n) {
     const struct canopy_station_config config = {
-        .grid = {.size = {M, N}, .cells = CELLS, .side = CANOPY_ABOVE},
+        .grid = {.size = {m, n}, .cells = CELLS, .side = CANOPY_ABOVE},
         .fit = &canopy_line_fit_fx,
         .lines = LINES,
         .clients = 1,
@@ -149,15 +162,25 @@ static void measure_scene(const struct scene *scene) {
     if (canopy_station_init(&station, &config, arena, sizeof arena, 0) != CANOPY_OK ||
         canopy_station_begin_box(&station, low, high) != CANOPY_OK)
         fail("no station");
+}
+
+static void measure_scene(const struct scene *scene) {
+    begin_station(M, N);
     result(scene, "feed_x100", sweep(scene, take_feed));
     measure_fit(scene);
     const struct canopy_frame frame = station.field.frame;
     if (canopy_station_begin(&station, &frame) != CANOPY_OK)
         fail("no scene");
     result(scene, "reading_x100", sweep(scene, take_reading));
-    measure_refit(scene);
+    measure_refit(scene, "refit");
     // Again, with an envelope published and nothing new: what most readings of a standing scene cost.
     result(scene, "reading_again_x100", sweep(scene, take_reading));
+}
+
+static void measure_small(const struct scene *scene) {
+    begin_station(SMALL, SMALL);
+    (void)sweep(scene, take_reading);
+    measure_refit(scene, "refit_10x10");
 }
 
 // The same scene seen from 1,2,5, a general direction: a point into the field, and a reading through the station, exact
@@ -219,5 +242,7 @@ int main(void) {
     const uint8_t query[] = {1, 23, 0, 184, 0, 5, 0, 180, 0, 4, 8, 0, 0, 0x10, 0, 0, 0, 0x10, 0};
     measure_request("request_query", query, sizeof query);
     measure_turned(&scenes[0]);
+    for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++)
+        measure_small(&scenes[i]);
     canopy_board_exit(true);
 }
