@@ -44,6 +44,13 @@ static inline uint32_t canopy_core_mask(void) {
 
 static inline void canopy_core_restore(uint32_t before) { __asm volatile("msr primask, %0" ::"r"(before) : "memory"); }
 
+/// True if an interrupt would be taken now: none are masked, and no exception is being handled.
+static inline int canopy_core_takes_interrupts(void) {
+    uint32_t masked, exception;
+    __asm volatile("mrs %0, primask\n\tmrs %1, ipsr" : "=r"(masked), "=r"(exception)::"memory");
+    return masked == 0 && exception == 0;
+}
+
 /// Sleeps until an interrupt is pending, masked or not.
 static inline void canopy_core_wait(void) { __asm volatile("dsb\n\twfi" ::: "memory"); }
 

@@ -31,7 +31,7 @@ static uint8_t send_ring[2][BOARD_SEND_LENGTH];
 static struct canopy_dw_i2c i2c;
 static struct canopy_rp2040_flash flash;
 static uint32_t boot2[CANOPY_RP2040_BOOT2_WORDS];
-static bool chip_runs;
+static bool chip_runs, lines_run, counts;
 
 // From the linker: the pages of flash behind the program's room, and how many there are.
 extern const uint8_t canopy_settings[], canopy_settings_pages[];
@@ -87,9 +87,19 @@ static void start_chip_and_console(void) {
     chip_runs = true;
 }
 
+// Polling at 125 MHz costs 5000 instructions a character. A program that can be interrupted has line 1 send it, and
+// sleeps while that is full; what cannot, or counts its instructions, polls, behind what waits there.
 void canopy_board_put(char character) {
     if (!chip_runs)
         start_chip_and_console();
+    if (lines_run && !counts && canopy_core_takes_interrupts()) {
+        const struct canopy_stream line = canopy_pl011_stream(&uart[1]);
+        while (line.write(line.context, (const uint8_t *)&character, 1) == 0)
+            canopy_core_wait();
+        return;
+    }
+    if (lines_run)
+        canopy_pl011_flush(&uart[1]);
     canopy_pl011_put(RP2040_UART1, character);
 }
 
@@ -115,6 +125,7 @@ static void start_lines(const uint32_t baud[CANOPY_BOARD_LINES]) {
                                                                .send_ring = send_ring[1],
                                                                .receive_length = BOARD_RECEIVE_LENGTH,
                                                                .send_length = BOARD_SEND_LENGTH});
+    lines_run = true;
 }
 
 static void start_i2c(void) {
@@ -164,31 +175,35 @@ void canopy_board_sleep(uint64_t due_us, uint32_t seen) {
     canopy_rp2040_put(RP2040_GPIO_OUT_SET, 1u << BOARD_LED_PIN);
 }
 
-// Bounded, as with canopy_board_put. What was printed last is still on the wire, and a reset would cut it.
-static void wait_printed(void) {
-    for (uint32_t i = 0; i < 100000u && (canopy_rp2040_get(RP2040_UART1 + RP2040_UART_FR) & RP2040_UART_FR_BUSY) != 0;
-         i++)
-        ;
+// What was printed last is still on its way, and a reset would cut it. Bounded, as printing is.
+static void end_printing(void) {
+    if (lines_run)
+        canopy_pl011_flush(&uart[1]);
+    for (uint32_t i = 0; chip_runs && i < 100000u; i++)
+        if ((canopy_rp2040_get(RP2040_UART1 + RP2040_UART_FR) & RP2040_UART_FR_BUSY) == 0)
+            return;
 }
 
 void canopy_board_reset(void) {
-    if (chip_runs)
-        wait_printed();
+    end_printing();
     canopy_rp2040_reset();
 }
 
 // SysTick counts processor clocks; an emulator that counts lets one pass an instruction. The first call starts it: what
 // the station does not use does not wake it.
 uint64_t canopy_board_instructions(void) {
-    static bool counts;
     if (!counts) {
+        end_printing();
         canopy_cortexm_clock_start(CANOPY_RP2040_CLOCK_HZ);
         counts = true;
     }
     return canopy_cortexm_ticks();
 }
 
-void canopy_board_exit(bool good) { canopy_semihosting_exit(good); }
+void canopy_board_exit(bool good) {
+    end_printing();
+    canopy_semihosting_exit(good);
+}
 
 struct vectors {
     uint32_t *stack_top;

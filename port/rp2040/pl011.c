@@ -151,3 +151,12 @@ void canopy_pl011_put(uint32_t base, char character) {
         ;
     canopy_rp2040_put(base + RP2040_UART_DR, (uint8_t)character);
 }
+
+void canopy_pl011_flush(struct canopy_pl011 *uart) {
+    const uint32_t before = canopy_core_mask();
+    uint8_t byte;
+    while (canopy_byte_ring_take(&uart->sending, &byte))
+        canopy_pl011_put(uart->base, (char)byte);
+    canopy_rp2040_clear(uart->base + RP2040_UART_IMSC, RP2040_UART_INT_SEND);
+    canopy_core_restore(before);
+}
