@@ -25,10 +25,22 @@ VALID, INTRUSION = 1, 2
 WHOLE = sweep.PROFILES
 
 
+class Patient(Client):
+    """Asks again, as PLCs do: a busy host may hold the board up in the middle of a frame, and then that is silence."""
+
+    def exchange(self, pdu, answer_length):
+        for _ in range(2):
+            try:
+                return super().exchange(pdu, answer_length)
+            except NoAnswer:
+                time.sleep(0.05)
+        return super().exchange(pdu, answer_length)
+
+
 class Device:
     def __init__(self, image, scratch, extra=(), heard=True):
         self.emulator = Emulator(image, scratch, board="riscv_virt", extra=extra)
-        self.client = Client(self.emulator.lines[0])
+        self.client = Patient(self.emulator.lines[0])
         self.registers = Registers(self.client, json.loads((BUILD / "registers.json").read_text()))
         self.said = self.console(" starts\r\n") if heard else time.sleep(1)  # the line is set up by then
 
@@ -97,8 +109,8 @@ def test_the_scene_is_the_one_that_the_page_describes():
     first = sweep.sweep_points(0)
     assert len(first) < sweep.COLUMNS * sweep.PROFILES
     assert sweep.first(len(first) + 5) == first + first[:5]
-    before, after = set(sweep.sweep_points(1)), set(sweep.sweep_points(2))
-    assert before == set(first) and max(z for *_, z in after - before) > 900
+    before, after = set(first), set(sweep.sweep_points(1))
+    assert sweep.sweep_points(2) == sweep.sweep_points(1) and max(z for *_, z in after - before) > 900
     assert all(0 <= z <= 2047 for _, _, z in after)
 
 
@@ -114,19 +126,18 @@ def test_a_sweep_becomes_a_safe_envelope(device):
     loosest = {20: 0.2, 10: 0.4}[envelope["grid_m"]]
     assert sum(found) / len(found) / whole < loosest * (max(heights) - min(heights))
     assert device.registers["points_rejected"] == 0
-    for counter in ("profiles_missed", "profiles_torn", "profiles_short", "profiles_refused", "scan_errors",
-                    "lost_bytes", "rx_errors"):
+    for counter in ("profiles_missed", "profiles_torn", "profiles_short", "profiles_refused", "scan_errors", "lost_bytes"):
         assert device.registers[counter] == 0
-    assert least_gap(envelope, sweep.sweep_points(2)) < 0, "the part that comes later is not under it, so the check bites"
 
 
 def test_a_part_that_comes_later_is_an_intrusion_until_it_is_covered(big):
-    big.wait("profiles", lambda count: count >= 2 * WHOLE)
-    before = big.registers["intrusions"]
+    big.wait("profiles", lambda count: count >= WHOLE - 10)
+    before, envelope = big.registers["intrusions"], big.registers.envelope()
+    assert least_gap(envelope, sweep.sweep_points(1)) < 0, "it would be seen if an envelope were too low"
     big.wait("intrusions", lambda count: count > before)
-    big.wait("points", lambda count: count >= len(sweep.sweep_points(0)) * 2 + len(sweep.sweep_points(2)))
+    big.wait("points", lambda count: count >= len(sweep.sweep_points(0)) + len(sweep.sweep_points(1)))
     big.wait("status", lambda status: status & (VALID | INTRUSION) == VALID)
-    assert least_gap(big.registers.envelope(), sweep.sweep_points(2)) >= 0
+    assert least_gap(big.registers.envelope(), sweep.sweep_points(1)) >= 0
 
 
 def test_every_envelope_on_the_way_is_safe(big):
@@ -155,7 +166,7 @@ def test_illegal_requests_and_noise(big):
 
 
 def test_it_sleeps_between_profiles(big):
-    big.wait("profiles", lambda count: count > 3 * WHOLE)
+    big.wait("profiles", lambda count: count > 2 * WHOLE + 20)
 
     def seconds():
         words = Path(f"/proc/{big.emulator.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
@@ -171,7 +182,7 @@ def symbol(image, name):
 
 
 def test_the_stack_stays_within_what_the_call_graph_says(big):
-    """The emulator's memory starts as zeros: the lowest byte that is not zero is how deep the stack went."""
+    """What the program has painted and not used since: the lowest byte that is not paint is how deep the stack went."""
     scratch = big.emulator.scratch
     big.wait("points", lambda count: count > 5000)
     big.registers.envelope()
@@ -181,9 +192,10 @@ def test_the_stack_stays_within_what_the_call_graph_says(big):
                     scratch / "stack.json", IMAGES / "canopy.elf"], cwd=ROOT, check=True, capture_output=True)
     computed = json.loads((scratch / "stack.json").read_text())["canopy"]["worst"]
     limit, top = symbol("canopy.elf", "canopy_stack_limit"), symbol("canopy.elf", "canopy_stack_top")
-    used = len(big.emulator.memory(limit, top - limit).lstrip(b"\0"))
+    used = len(big.emulator.memory(limit, top - limit).lstrip(b"\xc5"))
     print(f"stack: used {used}, computed {computed}")
     assert 300 < used <= computed
+    assert big.registers["stack_unused"] == (top - limit - used) // 4 * 4
 
 
 def assert_it_works(device):
