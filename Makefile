@@ -176,7 +176,7 @@ test: test-programs tools all-firmware $(NODE) | setup-python setup-emulator  ##
 # objects.
 
 FIRMWARE_BOARDS := $(sort $(notdir $(patsubst %/board.mk,%,$(wildcard boards/*/board.mk))))
-FW_FLAGS := -Os -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
+FW_FLAGS := -ffunction-sections -fdata-sections -fno-common -fstack-usage -fcallgraph-info=su $(WARN_GCC)
 FW_LINK := -nostartfiles -Llinker -Wl,--gc-sections -Wl,--fatal-warnings
 
 # image(board, stack bytes): the recipe that links $@ from $^ and keeps a map beside it
@@ -202,7 +202,7 @@ $(1)_UNITS := $(BOARD_UNITS:%=$(BUILD)/$(1)/%.elf)
 $(1)_OTHERS := $(BOARD_PROGRAMS:%=$(BUILD)/$(1)/%.elf)
 $(1)_FIRMWARE := $$($(1)_STATIONS) $$($(1)_UNITS) $$($(1)_OTHERS)
 
-$(call compile,$(BUILD)/$(1),$(BOARD_CROSS)gcc,-Iboards/$(1) $(BOARD_CPU) $(BOARD_SPECS) $(FW_FLAGS),setup-$(BOARD_SETUP))
+$(call compile,$(BUILD)/$(1),$(BOARD_CROSS)gcc,-Iboards/$(1) $(BOARD_CPU) $(BOARD_SPECS) $(BOARD_OPTIMISE) $(FW_FLAGS),setup-$(BOARD_SETUP))
 $$($(1)_FIRMWARE): $(wildcard linker/*.ld) boards/$(1)/board.mk
 $(BUILD)/$(1)/canopy.elf: $(BUILD)/$(1)/obj/boards/$(1)/main.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
 	$$(call image,$(1),$(BOARD_STACK))
@@ -211,7 +211,7 @@ $(BUILD)/$(1)/canopy-%.elf: $(BUILD)/$(1)/obj/boards/$(1)/main-%.o $$($(1)_PARTS
 	$$(call image,$(1),$(BOARD_STACK))
 $(BUILD)/$(1)/obj/boards/$(1)/main-%.o: boards/$(1)/main.c | setup-$(BOARD_SETUP) $(GENERATED)
 	@mkdir -p $$(@D)
-	$$(Q)$(BOARD_CROSS)gcc $(CFLAGS_ALL) -Iboards/$(1) $(BOARD_CPU) $(BOARD_SPECS) $(FW_FLAGS) \
+	$$(Q)$(BOARD_CROSS)gcc $(CFLAGS_ALL) -Iboards/$(1) $(BOARD_CPU) $(BOARD_SPECS) $(BOARD_OPTIMISE) $(FW_FLAGS) \
 	    -DSTATION_GRID_M=$$(word 1,$$(subst x, ,$$*)) -DSTATION_GRID_N=$$(word 2,$$(subst x, ,$$*)) -c $$< -o $$@
 $$($(1)_UNITS): $(BUILD)/$(1)/unit_%.elf: $(BUILD)/$(1)/obj/hosttest/unit/test_%.o \
     $(BUILD)/$(1)/obj/hosttest/unit/run_firmware.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
@@ -223,6 +223,7 @@ endef
 define read_board
 BOARD_FINISH :=
 BOARD_UNITS := $(UNIT_NAMES)
+BOARD_OPTIMISE := -Os
 include boards/$(1)/board.mk
 $$(eval $$(call board_rules,$(1)))
 endef

@@ -22,7 +22,7 @@ BOARDS = ["mps2_an385", "linux"]
 @pytest.fixture
 def build(tmp_path):
     """A build directory of its own, with the programs of the real one."""
-    for name in ("host", "mps2_an385", "riscv_virt"):
+    for name in ("host", "mps2_an385", "mps2_an500", "riscv_virt"):
         (tmp_path / name).symlink_to(BUILD / name)
     return tmp_path
 
@@ -68,13 +68,13 @@ def assert_whole(build, output):
     return surrogate, served
 
 
-@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("board", [*BOARDS, "mps2_an500"])
 def test_the_terrain_from_the_scanner_to_the_plc(build, board):
     status, output, errors = demo(build, "--board", board, "--short")
     assert status == 0, output + errors
     surrogate, served = assert_whole(build, output)
     assert len(served) == 40 * 60
-    assert surrogate["size"] == [20, 20] and surrogate["scalar"] == "fx"
+    assert surrogate["size"] == [20, 20] and surrogate["scalar"] == ("f32" if board == "mps2_an500" else "fx")
     assert "40/40 profiles" in output
 
 

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
 """The whole way, from a scanner to a PLC: a scene is swept into a device, and the PLC's view of it is checked.
 
-Usage: [BUILD=dir] tools/demo.py [--board mps2_an385|rp2040_pico|riscv_virt|linux] [--scene POINTS] [--unit U] [--short]
+Usage: [BUILD=dir] tools/demo.py [--board NAME] [--scene POINTS] [--unit U] [--short]
 
 A scanner simulator sweeps the scene profile by profile and serves it over Modbus; the device (the firmware on an
-emulated Cortex-M3, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. (riscv_virt is its
+emulated chip, or canopyd) reads it, covers it and publishes envelopes; a PLC client reads those. (riscv_virt is its
 own scanner; what it plays to itself is known: tools/sweep.py.) In the end the envelope that the PLC holds is checked
 against every reading the simulator has served, and drawn; then beside what the
 tight method makes of the same readings on a host. Everything is left in BUILD/demo. Exit status: 0 the PLC's envelope is
@@ -33,9 +33,13 @@ BUILD = Path(os.environ.get("BUILD", "build"))
 BUILD = BUILD if BUILD.is_absolute() else ROOT / BUILD
 START_SECONDS = 30  # for a program to say that it is there
 STALL_SECONDS = 30  # without a new profile
+TIGHT_SECONDS = 10  # without a new envelope: a device that tightens in its spare time has ended, or gains nothing …
+TIGHT_MOST = 60  # … and this is long enough in any case
 SETTLE_SECONDS = 30  # from the last profile to an envelope that covers it
 SHORT = {"rows": 40, "columns": 60}
-BOARDS = {"mps2_an385": "Cortex-M3 firmware in QEMU (mps2-an385)", "linux": "canopyd on this machine",
+BOARDS = {"mps2_an385": "Cortex-M3 firmware in QEMU (mps2-an385)",
+          "mps2_an386": "Cortex-M4 firmware in QEMU (mps2-an386), in float",
+          "mps2_an500": "Cortex-M7 firmware in QEMU (mps2-an500), in float", "linux": "canopyd on this machine",
           "riscv_virt": "RV32IMAC firmware in QEMU (virt)",
           "rp2040_pico": "Cortex-M0+ firmware on an RP2040 in rp2040js"}
 
@@ -166,6 +170,7 @@ class Emulated:
     """The firmware in its emulator, a pseudo-terminal for each of its lines."""
 
     board, lines = "mps2_an385", 2
+    tightens = False  # what it has published, when there is nothing else to do
 
     def __init__(self, children):
         self.name = BOARDS[self.board]
@@ -207,6 +212,14 @@ class Emulated:
                           "that is a defect of canopy")
 
 
+class M4(Emulated):
+    board, tightens = "mps2_an386", True
+
+
+class M7(Emulated):
+    board, tightens = "mps2_an500", True
+
+
 class Virt(Emulated):
     """One line, the PLC's; the scanner is built in."""
 
@@ -237,7 +250,7 @@ class Pico(Emulated):
 class Linux:
     """canopyd: the scanner on a pseudo-terminal that the simulator makes, the PLC by TCP."""
 
-    name = BOARDS["linux"]
+    name, tightens = BOARDS["linux"], False
 
     def __init__(self, children):
         self.children, self.port = children, free_port()
@@ -255,7 +268,7 @@ class Linux:
         """Nothing that its exit status would not say."""
 
 
-DEVICES = {"mps2_an385": Emulated, "linux": Linux, "riscv_virt": Virt, "rp2040_pico": Pico}
+DEVICES = {"mps2_an385": Emulated, "mps2_an386": M4, "mps2_an500": M7, "linux": Linux, "riscv_virt": Virt, "rp2040_pico": Pico}
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -417,6 +430,19 @@ def sweep(scanner, plc, device, children):
     return served
 
 
+def wait_for_tight(plc, device, children):
+    """Until the device has published nothing for a while."""
+    began = changed = time.monotonic()
+    last = None
+    while time.monotonic() - changed < TIGHT_SECONDS and time.monotonic() - began < TIGHT_MOST:
+        children.check()
+        device.check()
+        plc.look()
+        time.sleep(0.1)
+        if plc.seen.get("sequence") != last:
+            last, changed = plc.seen.get("sequence"), time.monotonic()
+
+
 def check(surrogate, served_file):
     """The verdict of `canopy check`, which is exact."""
     status, output = run("canopy check", [BUILD / "host" / "canopy", "check", surrogate, served_file])
@@ -504,6 +530,8 @@ def play(arguments, children):
     served = sweep(scanner, plc, device, children)
     surrogate, tight = place / "surrogate.json", place / "tight.json"
     picture, comparison = place / "picture.png", place / "tight.png"
+    if device.tightens:
+        wait_for_tight(plc, device, children)
     envelope = plc.read(served, scanner.profiles, surrogate)
     device.check()
     served = scanner.settle(envelope["points"])

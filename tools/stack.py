@@ -23,8 +23,7 @@ class Arm:
     """What an image of a Cortex-M looks like, disassembled."""
 
     TOOLS = "arm-none-eabi-"
-    PUSHED = 36  # by the processor at an exception: eight words and one to align
-    PUSH = re.compile(r"\t(?:push|stmdb\s+sp!,|push\.w)\s*\{(.*?)\}")
+    PUSH = re.compile(r"\t(v?)(?:push|stmdb\s+sp!,|push\.w)\s*\{(.*?)\}")
     GROW = (re.compile(r"\tsub(?:\.w|w)?\tsp, (?:sp, )?#(\d+)"), re.compile(r"\tstr(?:d)?(?:\.w)?\t.*\[sp, #-(\d+)\]!"))
     POINTER = re.compile(r"\tblx\t(?:r\d+|ip|lr)")
     JUMP = re.compile(r"\t(?:blx?|b(?:eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?)(?:\.[nw])?\t[0-9a-f]+ <([^>+]+)>")
@@ -33,8 +32,15 @@ class Arm:
     def grows(row):
         """Bytes that an instruction takes from the stack."""
         push = Arm.PUSH.search(row)
-        pushed = 4 * sum(registers(part) for part in push.group(1).split(",")) if push else 0
+        pushed = 4 * sum(registers(part) for part in push.group(2).split(",")) if push else 0
+        pushed *= 2 if push and push.group(1) and "d" in push.group(2) else 1
         return pushed + sum(int(found.group(1)) for pattern in Arm.GROW if (found := pattern.search(row)))
+
+    @staticmethod
+    def pushed(image):
+        """By the processor at an exception: eight words, room for 18 of a floating-point unit that the program may use
+        (whether it is filled at once or later), and one to align."""
+        return 108 if "Tag_FP_arch" in image.run("readelf", "-A", str(image.path)) else 36
 
     @staticmethod
     def entries(image):
@@ -55,7 +61,6 @@ class RiscV:
     """What an image for RV32 looks like. There the entry pushes, not the processor; one entry is for everything."""
 
     TOOLS = "riscv64-unknown-elf-"
-    PUSHED = 0
     GROW = re.compile(r"\tadd(?:i|i16sp)?\tsp,sp,-(\d+)")
     POINTER = re.compile(r"\t(?:jalr|jr)\t(?!.*<)")
     JUMP = re.compile(r"\t(?:j|jal|call|tail|jalr|jr|b\w+)\t.*<([^>+]+)>")
@@ -64,6 +69,10 @@ class RiscV:
     def grows(row):
         found = RiscV.GROW.search(row)
         return int(found.group(1)) if found else 0
+
+    @staticmethod
+    def pushed(_):
+        return 0  # the entry does it
 
     @staticmethod
     def entries(image):
@@ -126,7 +135,7 @@ class Table:
             if len(words) >= 3 and words[0] == "call" and words[2] == "->":
                 where, _, name = words[1].rpartition(":")
                 self.calls.append((where, name, words[3:]))
-            elif len(words) >= 4 and words[0] == "asm" and words[2] == "->":
+            elif len(words) >= 3 and words[0] == "asm" and words[2] == "->":
                 self.asm[words[1]] = words[3:]
             elif len(words) == 3 and words[0] == "outside" and words[2].isdecimal():
                 self.outside[words[1]] = int(words[2])
@@ -211,7 +220,7 @@ class Image:
 def registers(part):
     part = part.strip()
     if "-" in part:
-        low, high = (int(name.strip().lstrip("r")) for name in part.split("-"))
+        low, high = (int(name.strip().lstrip("rsd")) for name in part.split("-"))
         return high - low + 1
     return 1
 
@@ -286,10 +295,10 @@ def measure(path, table):
     for label, names, deep in image.machine.entries(image):
         titles = [stack.resolve(name) for name in sorted(names)]
         if titles and deep:
-            parts.append((label, image.machine.PUSHED, max((stack.deepest(title) for title in titles), key=lambda one: one[0])))
+            parts.append((label, image.machine.pushed(image), max((stack.deepest(title) for title in titles), key=lambda one: one[0])))
         elif titles:
             frames = [(title, stack.frame_and_calls(title)[0]) for title in titles]
-            parts.append((label, image.machine.PUSHED, (sum(size for _, size in frames), frames)))
+            parts.append((label, image.machine.pushed(image), (sum(size for _, size in frames), frames)))
     return {"worst": sum(pushed + found[0] for _, pushed, found in parts), "size": image.symbols["canopy_stack_size"],
             "parts": {label: pushed + found[0] for label, pushed, found in parts},
             "chains": [(label, pushed, *found) for label, pushed, found in parts]}

@@ -3,6 +3,8 @@ BOARD_SETUP := firmware
 BOARD_CROSS := arm-none-eabi-
 BOARD_CPU := -mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard
 BOARD_SPECS := --specs=nano.specs
+# Memory is plenty: speed it is
+BOARD_OPTIMISE := -O3
 BOARD_PORTS := mps2 cortexm template
 BOARD_CHIP := mps2_an386
 BOARD_STACK := 4096

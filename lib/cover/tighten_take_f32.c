@@ -146,7 +146,9 @@ static void place_points(struct canopy_tighten *t, const struct source *from) {
     }
     for (size_t i = 0; i < from->count; i++) {
         struct place at;
-        (void)place(t, from, i, &at);
+        if (place(t, from, i, &at) != CANOPY_OK) {
+            continue;  // never: each was counted
+        }
         const uint32_t slot = (uint32_t)taken[at.cell]++, l = slot % LANES;
         struct canopy_tighten_points *block = &t->blocks[t->first[at.cell] + slot / LANES];
         const float z = canopy_tighten_height(t, at.height);
