@@ -30,6 +30,10 @@ static uint32_t hash(uint32_t i, uint32_t j) {
     return h ^ h >> 13;
 }
 
+static bool meets_row(const struct part *part, int32_t j) {
+    return j - part->j < part->radius && part->j - j < part->radius;
+}
+
 // Over the floor; 0 beside the part.
 static uint32_t part_height(const struct part *part, int32_t i, int32_t j) {
     const int32_t di = i - part->i, dj = j - part->j;
@@ -42,7 +46,7 @@ uint16_t canopy_sweep_height(uint32_t sweep, uint32_t j, uint32_t i) {
     uint32_t highest = 0;
     bool shadow = chance % 61u == 0;
     for (uint32_t k = 0; k < PART_COUNT; k++) {
-        if (sweep < PARTS[k].since)
+        if (sweep < PARTS[k].since || !meets_row(&PARTS[k], (int32_t)j))
             continue;
         const uint32_t here = part_height(&PARTS[k], (int32_t)i, (int32_t)j);
         const uint32_t before = part_height(&PARTS[k], (int32_t)i - SHADOW, (int32_t)j);
