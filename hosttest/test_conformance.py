@@ -180,7 +180,7 @@ def test_the_console_prints(board):
 @pytest.mark.parametrize("sizes", ["0 0", "1 0", "0 1", "2 2"])
 def test_without_i2c_every_transfer_is_unsupported(board, sizes):
     assert board.ask("bus") == [UNSUPPORTED, 0]
-    outcome, _, _, stays = board.ask("i2c", 0x29, 0, 10000, sizes)[:4]
+    outcome, _, _, stays = board.ask("i2c", 0x29, 0, 10000, sizes, 0)[:4]
     assert (outcome, stays) == (UNSUPPORTED, 1)
     assert board.ask("bus") == [UNSUPPORTED, 0]
 

@@ -30,15 +30,15 @@ class Bus:
     def recoveries(self):
         return self.board.ask("bus")[1]
 
-    def transfer(self, out=b"", count=0, address=MEMORY, stop=0, timeout_us=100000, out_length=None):
-        """How it ended. The bytes of `out` go on counting if out_length says so."""
+    def transfer(self, out=b"", count=0, address=MEMORY, stop=0, timeout_us=100000, out_length=None, away_us=0):
+        """How it ended. The bytes of `out` go on counting if out_length says so. Nobody polls for away_us."""
         length = len(out) if out_length is None else out_length
-        text = self.board.ask_text("i2c", address, stop, timeout_us, length, count, out.hex())
+        text = self.board.ask_text("i2c", address, stop, timeout_us, length, count, away_us, out.hex())
         outcome, took_us, refused, stays, *data = text.split()
         assert stays == "1", "the outcome stays until the next start"
         assert refused == "1" or int(outcome) in (HELD, UNSUPPORTED), "one transfer at a time"
         self.took_us, self.bytes = int(took_us), bytes.fromhex(data[0]) if data else b""
-        assert self.took_us <= timeout_us + SLACK_US
+        assert self.took_us <= max(timeout_us, away_us) + SLACK_US
         return int(outcome)
 
     def assert_good(self):
@@ -127,8 +127,8 @@ def test_lengths(bus, length):
     assert heard == ["Sw50", "w00", *(f"w{byte:02x}" for byte in written), "P"]
     bits = 9 * (length + 2)
     assert bus.took_us >= bits * 2.5 * 0.98, "not faster than 400 kHz"
-    for stop in (0, 1):
-        assert bus.transfer(b"\x00", length, stop=stop) == DONE
+    for stop, away_us in ((0, 0), (1, 0), (0, 2 * 25 * length), (0, 10000)):
+        assert bus.transfer(b"\x00", length, stop=stop, away_us=away_us) == DONE, "also when the program is away"
         assert bus.bytes == written
     assert bus.transfer(b"\x00") == DONE
     assert bus.transfer(b"", length) == DONE
@@ -227,7 +227,7 @@ def test_a_data_line_that_is_held_for_good_is_told(bus):
 def test_what_lines_receive_meanwhile_is_not_lost(bus):
     line = bus.board.lines[1]
     for _ in range(5):
-        bus.board.tell("i2c", MEMORY, 0, 100000, 600, 0, "0001")
+        bus.board.tell("i2c", MEMORY, 0, 100000, 600, 0, 0, "0001")
         line.send(pattern(100))
         assert bus.board.numbers()[0] == DONE
         bus.board.wait(20000)  # 100 characters take 9 ms

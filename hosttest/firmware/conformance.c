@@ -423,8 +423,8 @@ static void take_bytes(const char *hex) {
         out[count] = (uint8_t)count;
 }
 
-// i2c ADDRESS STOP TIMEOUT_US OUT IN HEX: one transfer. How it ended, after how many microseconds, whether a second one
-// was refused meanwhile, and what was read.
+// i2c ADDRESS STOP TIMEOUT_US OUT IN AWAY_US HEX: one transfer, which nobody looks after for AWAY_US. How it ended, in
+// how many microseconds, whether a second one was refused meanwhile, whether the outcome stays, and what was read.
 static void transfer(const uint32_t *argument, const char *rest) {
     const struct canopy_i2c_transfer wanted = {.out = out,
                                                .in = in,
@@ -437,6 +437,7 @@ static void transfer(const uint32_t *argument, const char *rest) {
     const uint64_t begin_us = now_us();
     const bool began = board.i2c.start(board.i2c.context, &wanted, argument[2]);
     const bool refused = !board.i2c.start(board.i2c.context, &wanted, argument[2]);
+    spin(argument[5]);
     enum canopy_i2c_outcome outcome = board.i2c.poll(board.i2c.context);
     while (outcome == CANOPY_I2C_PENDING && now_us() - begin_us < argument[2] + PATIENCE_US) {
         feed();
@@ -591,7 +592,7 @@ static const struct order {
     {"sleep", sleep_often, 2, false}, {"nap", sleep_once, 1, false},   {"wake", wake, 3, true},
     {"echo", echo, 3, true},          {"fill", fill, 1, true},         {"duplex", run_duplex, 2, false},
     {"write", write_all, 2, true},    {"look", look, 1, true},         {"deaf", be_deaf, 3, true},
-    {"serve", serve, 3, true},        {"i2c", transfer, 5, false},     {"bus", poll_i2c, 0, false},
+    {"serve", serve, 3, true},        {"i2c", transfer, 6, false},     {"bus", poll_i2c, 0, false},
     {"erase", erase, 1, false},       {"program", program, 3, false},  {"read", read_flash, 3, false},
     {"sum", sum_page, 1, false},      {"crash", tell_crash, 0, false}, {"forget", forget, 0, false},
     {"watch", watch, 1, false},       {"put", put, 0, false},          {"reset", reset, 0, false},
