@@ -6,7 +6,7 @@ BOARD_CPU := -mcpu=cortex-m0plus -mthumb --param=min-pagesize=0
 BOARD_SPECS := --specs=nano.specs
 BOARD_PORTS := rp2040 cortexm
 BOARD_CHIP := rp2040
-BOARD_STACK := 3072
+BOARD_STACK := 2048
 # The station is built for 20 x 20 (canopy.elf) and for each of these grids (canopy-<grid>.elf).
 BOARD_GRIDS := 10x10
 # Of hosttest/firmware

@@ -93,8 +93,7 @@ void canopy_board_put(char character) {
     if (!chip_runs)
         start_chip_and_console();
     if (lines_run && !counts && canopy_core_takes_interrupts()) {
-        const struct canopy_stream line = canopy_pl011_stream(&uart[1]);
-        while (line.write(line.context, (const uint8_t *)&character, 1) == 0)
+        while (canopy_pl011_write(&uart[1], (const uint8_t *)&character, 1) == 0)
             canopy_core_wait();
         return;
     }

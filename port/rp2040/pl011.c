@@ -77,8 +77,7 @@ static size_t stream_read(void *context, uint8_t *to, size_t length) {
     return canopy_byte_ring_read(&uart->received, to, length);
 }
 
-static size_t stream_write(void *context, const uint8_t *from, size_t length) {
-    struct canopy_pl011 *uart = context;
+size_t canopy_pl011_write(struct canopy_pl011 *uart, const uint8_t *from, size_t length) {
     const size_t count = canopy_byte_ring_write(&uart->sending, from, length);
     if (count > 0) {
         // The interrupt comes when the transmitter empties; an idle one must be started by hand.
@@ -88,6 +87,10 @@ static size_t stream_write(void *context, const uint8_t *from, size_t length) {
         canopy_core_restore(before);
     }
     return count;
+}
+
+static size_t stream_write(void *context, const uint8_t *from, size_t length) {
+    return canopy_pl011_write(context, from, length);
 }
 
 static bool stream_sent(void *context) {

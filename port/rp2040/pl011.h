@@ -44,6 +44,9 @@ void canopy_pl011_start(struct canopy_pl011 *uart, const struct canopy_pl011_con
 /// a break and each overrun count as one.
 struct canopy_stream canopy_pl011_stream(struct canopy_pl011 *uart);
 
+/// What the stream's write does: takes what fits, sends it by interrupts, and returns how much that was.
+size_t canopy_pl011_write(struct canopy_pl011 *uart, const uint8_t *from, size_t length);
+
 /// Interrupt entries, of the UART and of the direction pin's alarm. The first moves what there is, at most what the
 /// rings hold.
 void canopy_pl011_on_interrupt(struct canopy_pl011 *uart);
