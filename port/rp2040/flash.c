@@ -11,7 +11,7 @@
 
 // In RAM with all its constants; called by its address, as it is too far for a branch.
 #ifdef __arm__
-#define IN_RAM __attribute__((section(".ramfunc"), noinline, noclone, long_call))
+#define IN_RAM __attribute__((section(".ramfunc"), noinline, used, long_call))
 #else
 #define IN_RAM
 #endif
