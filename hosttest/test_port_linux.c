@@ -22,6 +22,7 @@
 
 #include "lib/scan/generic.h"
 #include "port/linux/clock.h"
+#include "port/linux/flash_file.h"
 #include "port/linux/log.h"
 #include "port/linux/modbus_client.h"
 #include "port/linux/ring.h"
@@ -32,6 +33,55 @@
 static void nap_ms(long ms) {
     const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
     nanosleep(&time, NULL);
+}
+
+// ---- Flash in a file
+
+static void test_flash_file(void **state) {
+    (void)state;
+    char path[] = "/tmp/canopy-flash-XXXXXX";
+    assert_non_null(mkdtemp(path));
+    char name[64];
+    snprintf(name, sizeof name, "%s/settings", path);
+    struct canopy_linux_flash_file file, other;
+    assert_null(canopy_linux_flash_file_open(&file, name));
+    assert_string_equal(canopy_linux_flash_file_open(&other, name), "another program has it");
+    assert_int_equal(other.fd, -1);
+    assert_true((fcntl(file.fd, F_GETFD) & FD_CLOEXEC) != 0);
+    const struct canopy_flash flash = canopy_linux_flash_file(&file);
+    assert_int_equal(flash.page_count, 2);
+    uint8_t bytes[8] = {0};
+    assert_int_equal(flash.read(flash.context, 1, flash.page_bytes - 8, bytes, 8), CANOPY_OK);
+    assert_memory_equal(bytes, "\xFF\xFF\xFF\xFF\xFF\xFF\xFF\xFF", 8);
+    // only clears bits, wherever it is, and leaves the other page alone
+    assert_int_equal(flash.program(flash.context, 1, 3, (const uint8_t *)"\xF0\x0F", 2), CANOPY_OK);
+    assert_int_equal(flash.program(flash.context, 1, 2, (const uint8_t *)"\x55\x33\xFF", 3), CANOPY_OK);
+    assert_int_equal(flash.program(flash.context, 0, 3, (const uint8_t *)"\x11", 1), CANOPY_OK);
+    assert_int_equal(flash.read(flash.context, 1, 0, bytes, 6), CANOPY_OK);
+    assert_memory_equal(bytes, "\xFF\xFF\x55\x30\x0F\xFF", 6);
+    assert_int_equal(flash.erase(flash.context, 0), CANOPY_OK);
+    assert_int_equal(flash.read(flash.context, 0, 3, bytes, 1), CANOPY_OK);
+    assert_int_equal(bytes[0], 0xFF);
+    // beyond it there is nothing
+    assert_int_equal(flash.read(flash.context, 2, 0, bytes, 1), CANOPY_ARGUMENT);
+    assert_int_equal(flash.read(flash.context, 0, flash.page_bytes - 7, bytes, 8), CANOPY_ARGUMENT);
+    assert_int_equal(flash.program(flash.context, 0, flash.page_bytes, bytes, 1), CANOPY_ARGUMENT);
+    assert_int_equal(flash.program(flash.context, 0, 8, bytes, UINT32_MAX), CANOPY_ARGUMENT);
+    assert_int_equal(flash.erase(flash.context, 2), CANOPY_ARGUMENT);
+    canopy_linux_flash_file_close(&file);
+    // what was written stays
+    assert_null(canopy_linux_flash_file_open(&file, name));
+    assert_int_equal(flash.read(flash.context, 1, 3, bytes, 1), CANOPY_OK);
+    assert_int_equal(bytes[0], 0x30);
+    // a file that is cut while it is open fails
+    assert_int_equal(truncate(name, 100), 0);
+    assert_int_equal(flash.read(flash.context, 1, 3, bytes, 1), CANOPY_RANGE);
+    assert_int_equal(flash.program(flash.context, 1, 3, bytes, 1), CANOPY_RANGE);
+    canopy_linux_flash_file_close(&file);
+    assert_int_equal(flash.erase(flash.context, 0), CANOPY_RANGE);
+    assert_non_null(canopy_linux_flash_file_open(&file, name));
+    assert_int_equal(unlink(name), 0);
+    assert_int_equal(rmdir(path), 0);
 }
 
 // ---- Clock and log
@@ -772,6 +822,7 @@ static void test_scanner_that_blocks(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_flash_file),
         cmocka_unit_test(test_clock),
         cmocka_unit_test(test_log_never_waits),
         cmocka_unit_test(test_ring_between_threads),

@@ -205,20 +205,22 @@ static bool block_signals(struct canopyd *daemon, struct canopy_fault *fault) {
     return daemon->signals >= 0 || canopy_fault_set(fault, "signals: %s", strerror(errno));
 }
 
-bool canopyd_open(struct canopyd *daemon, const struct canopyd_options *options, struct canopy_fault *fault) {
+bool canopyd_open(struct canopyd *daemon, struct canopyd_options *options, struct canopy_fault *fault) {
     memset(daemon, 0, sizeof *daemon);
     daemon->signals = -1;
+    daemon->keep.file.fd = -1;
     struct canopy_grid grid;
     struct canopy_frame frame;
     if (!block_signals(daemon, fault) || !enough_descriptors(options, fault) ||
-        !plan(daemon, options, &grid, &frame, fault) || !open_scanner(daemon, options, fault) ||
-        !open_station(daemon, options, &grid, fault)) {
+        !canopyd_keep_open(&daemon->keep, options, fault) || !plan(daemon, options, &grid, &frame, fault) ||
+        !open_scanner(daemon, options, fault) || !open_station(daemon, options, &grid, fault)) {
         return false;
     }
     if (daemon->framed && canopy_station_begin(&daemon->station, &frame) != CANOPY_OK) {
         return canopy_fault_set(fault, "%s: this frame is refused: give one made with canopy fit --scalar fx",
                                 options->frame);
     }
+    canopyd_keep_attach(&daemon->keep, &daemon->station);
     if (!open_servers(daemon, options, fault)) {
         return false;
     }
@@ -351,7 +353,7 @@ static void serve(struct canopyd *daemon, const struct pollfd *fds) {
     }
 }
 
-enum turn { GO_ON, SIGNALLED, BROKEN };
+enum turn { GO_ON, SIGNALLED, RESTART, BROKEN };
 
 static enum turn turn(struct canopyd *daemon) {
     struct pollfd fds[FDS_MOST];
@@ -375,15 +377,19 @@ static enum turn turn(struct canopyd *daemon) {
     now_us = canopy_linux_now_us();
     count(daemon, now_us);
     tell(daemon, now_us);
+    if (!canopyd_keep_step(&daemon->keep, now_us)) {
+        canopy_linux_log("restarted by a PLC");
+        return RESTART;
+    }
     return GO_ON;
 }
 
-bool canopyd_run(struct canopyd *daemon) {
+enum canopyd_end canopyd_run(struct canopyd *daemon) {
     enum turn last;
     do {
         last = turn(daemon);
     } while (last == GO_ON);
-    return last == SIGNALLED;
+    return last == SIGNALLED ? CANOPYD_SIGNALLED : last == RESTART ? CANOPYD_RESTART : CANOPYD_FAILED;
 }
 
 bool canopyd_close(struct canopyd *daemon) {
@@ -397,6 +403,7 @@ bool canopyd_close(struct canopyd *daemon) {
         return false;
     }
     canopyd_source_close(&daemon->source);
+    canopyd_keep_close(&daemon->keep);
     free(daemon->arena);
     free(daemon->tightening_arena);
     daemon->arena = daemon->tightening_arena = NULL;

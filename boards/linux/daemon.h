@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "boards/linux/keep.h"
 #include "boards/linux/options.h"
 #include "boards/linux/source.h"
 #include "lib/station/station.h"
@@ -25,6 +26,7 @@ struct canopyd {
     struct canopy_linux_scanner_status scan;
     struct canopy_station station;
     struct canopy_modbus_bank bank;
+    struct canopyd_keep keep;
     void *arena;
     struct canopy_station_turned turned;
     struct canopy_station_tightening tightening;  // where it is wanted
@@ -42,12 +44,16 @@ struct canopyd {
     uint32_t cycle_max_us;
 };
 
-/// Opens everything and starts the scanner's thread. False: `fault` says what is wrong and where; then, too, close it.
-/// SIGINT and SIGTERM are blocked from here on, and end canopyd_run().
-bool canopyd_open(struct canopyd *daemon, const struct canopyd_options *options, struct canopy_fault *fault);
+/// How a run ended.
+enum canopyd_end { CANOPYD_SIGNALLED, CANOPYD_RESTART, CANOPYD_FAILED };
 
-/// Serves until a signal comes. False: the system refused to go on, and the log says how.
-bool canopyd_run(struct canopyd *daemon);
+/// Opens everything and starts the scanner's thread, with the settings that are stored in the place of options. False:
+/// `fault` says what is wrong and where; then, too, close it.
+/// SIGINT and SIGTERM are blocked from here on, and end canopyd_run().
+bool canopyd_open(struct canopyd *daemon, struct canopyd_options *options, struct canopy_fault *fault);
+
+/// Serves until a signal comes, a PLC asks for a restart, or the system refuses to go on; the log says which.
+enum canopyd_end canopyd_run(struct canopyd *daemon);
 
 /// Closes everything. A scanner that hangs in a read for over a second is left to the end of the process: false.
 bool canopyd_close(struct canopyd *daemon);

@@ -21,7 +21,7 @@ static const char DOC[] =
     "Prints `ready' when it serves and logs to standard error; SIGINT and SIGTERM end it with status 0. Bad input: "
     "status 2 and one line that says what and where. Wrong usage: 64. Every key is explained in docs/canopyd.md.";
 
-enum { METHOD = 0x100 };  // without a letter
+enum { METHOD = 0x100, SETTINGS };  // without a letter
 
 static const struct argp_option OPTIONS[] = {
     {"config", 'c', "FILE", 0, "read options from a file of `key = value' lines, the keys being these names", 0},
@@ -44,6 +44,9 @@ static const struct argp_option OPTIONS[] = {
     {"refresh", 'r', "MS", 0, "until an unchanged envelope is published again with more points (500)", 3},
     {"idle", 'o', "MS", 0, "a TCP client without a request for so long is dropped; 0: never (60000)", 3},
     {"timeout", 't', "MS", 0, "a scanner's answer must begin within this time (500)", 3},
+    {"settings", SETTINGS, "FILE", 0,
+     "keep the settings that PLCs store in this file, made where there is none; they take the place of these options",
+     3},
     {0},
 };
 
@@ -98,6 +101,12 @@ static bool read_frame(const char *value, struct canopyd_options *options, struc
     return options->frame != NULL || canopy_fault_set(fault, "no memory");
 }
 
+static bool read_settings(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
+    free(options->settings);
+    options->settings = strdup(value);
+    return options->settings != NULL || canopy_fault_set(fault, "no memory");
+}
+
 static bool read_dir(const char *value, struct canopyd_options *options, struct canopy_fault *fault) {
     double direction[3];
     options->dir_given = true;
@@ -138,6 +147,7 @@ static bool set_key(int key, const char *value, struct canopyd_options *options,
     case 'q': return read_small(value, &options->field, fault);
     case 'l': return read_small(value, &options->lines, fault);
     case METHOD: return read_method(value, options, fault);
+    case SETTINGS: return read_settings(value, options, fault);
     case 'a': return read_whole(value, 10, 4000000, &options->stale_after_ms, fault);
     case 'i': return read_whole(value, 0, 4000000, &options->interval_ms, fault);
     case 'r': return read_whole(value, 0, 4000000, &options->refresh_ms, fault);
@@ -326,5 +336,6 @@ int canopyd_options_read(int argc, char **argv, struct canopyd_options *options)
 
 void canopyd_options_free(struct canopyd_options *options) {
     free(options->frame);
-    options->frame = NULL;
+    free(options->settings);
+    options->frame = options->settings = NULL;
 }

@@ -21,6 +21,7 @@ struct canopyd_options {
     uint8_t side;        ///< enum canopy_side
     double unit;         ///< 0: not given
     char *frame;         ///< a surrogate file, or NULL
+    char *settings;      ///< a file for settings, or NULL
     int32_t axes[3][3];  ///< of frames around the scanner's scene; all 0: x, y and z
     bool dir_given, plane_given;
     uint16_t field;

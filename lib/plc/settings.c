@@ -42,7 +42,7 @@ bool canopy_settings_are_allowed(const struct canopy_settings *settings, const s
     for (size_t i = 0; i < ITEMS; i++) {
         const struct canopy_settings_item *item = &canopy_settings_items[i];
         const uint32_t value = value_of(settings, item);
-        if (value < item->low || value > item->high || ((fixed >> i & 1U) != 0 && value != value_of(now, item))) {
+        if ((fixed >> i & 1U) != 0 ? value != value_of(now, item) : value < item->low || value > item->high) {
             return false;
         }
     }

@@ -35,7 +35,7 @@ struct canopy_settings_item {
 /// What the table says. A board may give its device other defaults, within the ranges.
 void canopy_settings_defaults(struct canopy_settings *to);
 
-/// Whether all values are in their ranges, and those of the bits in `fixed` (1 << CANOPY_SETTING_...) what they are in
+/// Whether all values are in their ranges, but those of the bits in `fixed` (1 << CANOPY_SETTING_...) what they are in
 /// `now`.
 bool canopy_settings_are_allowed(const struct canopy_settings *settings, const struct canopy_settings *now,
                                  uint32_t fixed);
