@@ -9,9 +9,9 @@
 #define BLOCK_BYTES 65536u  // that the ROM would erase by BLOCK_ERASE
 #define BLOCK_ERASE 0xD8u
 
-// In RAM with all its constants; called by its address, as it is too far for a branch.
+// In RAM with all its constants. It is too far for a branch: the linker makes a detour, in flash, on the way there.
 #ifdef __arm__
-#define IN_RAM __attribute__((section(".ramfunc"), noinline, used, long_call))
+#define IN_RAM __attribute__((section(".ramfunc"), noinline, used))
 #else
 #define IN_RAM
 #endif
