@@ -1,5 +1,5 @@
-"""The station's image on the emulated RP2040: its boot, its wires, the scanner on I2C and what can go wrong with it, each
-seen in registers. The emulator is npm's rp2040js and tools/rp2040; faults are set there, not in the firmware."""
+"""The station's image on the emulated RP2040: its boot, its wires, the scanner on I2C and what can go wrong with it,
+each seen in registers. The emulator is npm's rp2040js and tools/rp2040; faults are set there, not in the firmware."""
 
 import json
 import re
@@ -30,7 +30,8 @@ BIT_US = 1e6 / 115200
 def run(image, *options):
     """A run without anybody on its lines: (status, output, what it complains of)."""
     here = IMAGES / "canopy.elf"  # the emulator's modules are beside the board's directory
-    command = [str(image) if word == str(here) else word for word in emulator.argv(BOARD, here, ("null", "null", "null"))]
+    command = emulator.argv(BOARD, here, ("null", "null", "null"))
+    command[command.index(str(here))] = str(image)
     done = subprocess.run([*command, *options], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=100)
     return done.returncode, done.stdout, done.stderr
 
@@ -125,7 +126,8 @@ class Station:
 
     def served(self):
         """What the simulator says it has shown, in device units."""
-        return [tuple(round(float(word) * 100) for word in line.split()) for line in self.served_file.read_text().splitlines()]
+        lines = self.served_file.read_text().splitlines()
+        return [tuple(round(float(word) * 100) for word in line.split()) for line in lines]
 
     def check_whole_sweep(self):
         """Every reading there is is in the envelope, and under it."""
@@ -162,7 +164,8 @@ def start(tmp_path):
 def test_a_sweep_over_i2c_becomes_a_safe_envelope(start, image):
     station = start(image=image)
     station.check_whole_sweep()
-    for counter in ("scanner_failure", "lost_bytes", "profiles_missed", "profiles_torn", "i2c_recoveries", "points_rejected"):
+    for counter in ("scanner_failure", "lost_bytes", "profiles_missed", "profiles_torn", "i2c_recoveries",
+                    "points_rejected"):
         assert station.registers[counter] == 0, counter
     assert station.counters()["resets"] == []
 

@@ -101,6 +101,15 @@ def check_file(path):
             yield number, f"more than {COLUMNS} columns"
 
 
+def check_script(path):
+    """What the columns and words of a C file are held to, for JavaScript."""
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        if re.search(r"\b(TODO|FIXME|XXX)\b", line):
+            yield number, "unfinished"
+        if len(line) > COLUMNS:
+            yield number, f"more than {COLUMNS} columns"
+
+
 def check_guard(path):
     """A header has a guard that starts with CANOPY_."""
     text = path.read_text()
@@ -129,7 +138,8 @@ def main():
     arguments = parser.parse_args()
     files = [path for top in ("lib", *PLACES) for path in sorted((ROOT / top).rglob("*"))
              if path.suffix in (".c", ".h", ".inc")]
-    found = []
+    scripts = [path for top in PLACES for path in sorted((ROOT / top).rglob("*.mjs"))]
+    found = [f"{path.relative_to(ROOT)}:{number}: {wrong}" for path in scripts for number, wrong in check_script(path)]
     for path in files:
         checks = list(check_file(path)) + (list(check_guard(path)) if path.suffix == ".h" else [])
         found += [f"{path.relative_to(ROOT)}:{number}: {wrong}" for number, wrong in checks]
@@ -137,7 +147,7 @@ def main():
         found += list(check_archive(arguments.archive))
     for line in found:
         print(line)
-    print(f"rules: {len(files)} files, {len(found)} breaches")
+    print(f"rules: {len(files) + len(scripts)} files, {len(found)} breaches")
     return 1 if found else 0
 
 

@@ -1,5 +1,5 @@
-// The chip: rp2040js' RP2040 with our processor and those blocks replaced that the package lacks or simplifies, its memory
-// map with faults, and its resets.
+// The chip: rp2040js' RP2040 with our processor and those blocks replaced that the package lacks or simplifies, its
+// memory map with faults, and its resets.
 import { IRQ, RP2040 } from './library.mjs';
 import { Clock } from './clock.mjs';
 import { Core } from './core.mjs';
@@ -43,7 +43,10 @@ const strict = {
 };
 
 export class Chip extends RP2040 {
-    /** `flashBytes` is a power of two. `counting`: an instruction is one cycle (port/board.h, canopy_board_instructions). */
+    /**
+     * `flashBytes` is a power of two. `counting`: an instruction is one cycle (port/board.h,
+     * canopy_board_instructions).
+     */
     constructor(flashBytes, counting) {
         super(new Clock());
         this.clock.nextAlarm = null; // of blocks that are replaced
@@ -75,12 +78,20 @@ export class Chip extends RP2040 {
         this.i2c = [new I2c(this, 0, IRQ.I2C0), new I2c(this, 1, IRQ.I2C1)];
         this.pllSys = new Pll(this, 'PLL_SYS');
         this.xosc = new Xosc(this);
-        this.chipReset = new Words(this, 'VREG_AND_CHIP_RESET', [[0, 0xb1], [4, 9], [8, 1 << 8]]);
+        this.chipReset = new Words(this, 'VREG_AND_CHIP_RESET', [
+            [0, 0xb1],
+            [4, 9],
+            [8, 1 << 8],
+        ]);
         Object.assign(this.peripherals, {
             0x14000: new XipControl(this),
             0x18000: this.ssi,
             0x4000c: this.resets,
-            0x40018: new Words(this, 'IO_QSPI', Array.from({ length: 12 }, (_, i) => [4 * i, i % 2 ? NO_FUNCTION : 0])),
+            0x40018: new Words(
+                this,
+                'IO_QSPI',
+                Array.from({ length: 12 }, (_, i) => [4 * i, i % 2 ? NO_FUNCTION : 0]),
+            ),
             0x40024: this.xosc,
             0x40028: this.pllSys,
             0x40034: this.uart[0],
@@ -89,7 +100,13 @@ export class Chip extends RP2040 {
             0x40048: this.i2c[1],
             0x40054: this.timer,
             0x40058: this.watchdog,
-            0x40060: new Words(this, 'ROSC', [[0, 0xaa0], [4, 0], [8, 0], [0x10, 16], [0x18, 1 << 31]]),
+            0x40060: new Words(this, 'ROSC', [
+                [0, 0xaa0],
+                [4, 0],
+                [8, 0],
+                [0x10, 16],
+                [0x18, 1 << 31],
+            ]),
             0x40064: this.chipReset,
         });
     }
@@ -158,7 +175,13 @@ export class Chip extends RP2040 {
 
     /** One block, as its reset leaves it. */
     blockReset(name) {
-        const units = { UART0: this.uart[0], UART1: this.uart[1], I2C0: this.i2c[0], I2C1: this.i2c[1], TIMER: this.timer };
+        const units = {
+            UART0: this.uart[0],
+            UART1: this.uart[1],
+            I2C0: this.i2c[0],
+            I2C1: this.i2c[1],
+            TIMER: this.timer,
+        };
         if (name === 'IO_BANK0') {
             this.eachPin((pin) => (pin.ctrl = NO_FUNCTION));
         } else if (name === 'PADS_BANK0') {
@@ -184,10 +207,14 @@ export class Chip extends RP2040 {
     watchdogReset() {
         const selected = this.peripherals[0x40010].wdsel;
         if (!(selected & PSM_PROCESSOR0)) {
-            throw new Violation(`the watchdog bites, and PSM_WDSEL (${hex(selected)}) does not let it reset the processor`);
+            throw new Violation(
+                `the watchdog bites, and PSM_WDSEL (${hex(selected)}) does not let it reset the processor`,
+            );
         }
         if (!(selected & PSM_RESETS) || !(selected & PSM_XIP) || !(selected & PSM_CLOCKS)) {
-            throw new Violation(`the watchdog resets the processor without clocks, XIP and devices (PSM_WDSEL ${hex(selected)})`);
+            throw new Violation(
+                `the watchdog resets the processor without clocks, XIP and devices (PSM_WDSEL ${hex(selected)})`,
+            );
         }
         this.onReset('watchdog');
         this.restart();
@@ -289,7 +316,9 @@ export class Chip extends RP2040 {
             return this.sram32[place >> 2];
         }
         const inFlash = (address - FLASH) | 0;
-        return inFlash >= 0 && inFlash < this.window ? this.flashView.getUint32(inFlash, true) : this.readSlowly(address >>> 0);
+        return inFlash >= 0 && inFlash < this.window
+            ? this.flashView.getUint32(inFlash, true)
+            : this.readSlowly(address >>> 0);
     }
 
     readUint16(address) {
@@ -357,8 +386,11 @@ export class Chip extends RP2040 {
         } else if (address >= SIO && address < PPB) {
             this.sio.writeUint32(address - SIO, value);
         } else {
-            this.peripheralAt(address).writeUint32Atomic(address & 0xffc, value, address < 0x40000000 ? 0 : (address >>> 12) & 3);
+            this.peripheralAt(address).writeUint32Atomic(
+                address & 0xffc,
+                value,
+                address < 0x40000000 ? 0 : (address >>> 12) & 3,
+            );
         }
     }
 }
-

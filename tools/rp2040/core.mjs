@@ -3,8 +3,8 @@
 // Exceptions and special registers are rp2040js's. The instructions are decoded anew here, for three reasons: faults
 // (the package has none; ours says the address of the instruction, as the chip does), the overflow flag of ADC and SBC,
 // which the package gets wrong when the carry turns an operand's sign (comparisons of 64 bits depend on it), and speed:
-// four times as many instructions a second. Cycles are those of the Cortex-M0+ with its fast multiplier and single-cycle
-// I/O port (Technical Reference Manual, table 3-1), without misses of the flash's cache.
+// four times as many instructions a second. Cycles are those of the Cortex-M0+ with its fast multiplier and single-
+// cycle I/O port (Technical Reference Manual, table 3-1), without misses of the flash's cache.
 import { CortexM0Core } from './library.mjs';
 import { Fault, Violation, hex } from './faults.mjs';
 
@@ -17,6 +17,7 @@ const ENTRY_CYCLES = 15;
 const FLASH = 0x10000000;
 const SIO = 0xd;
 const APB = 0x4;
+const NOP = 0xbf00;
 
 export class Core extends CortexM0Core {
     constructor(chip) {
@@ -46,7 +47,12 @@ export class Core extends CortexM0Core {
     }
 
     get APSR() {
-        return (this.nz < 0 ? 0x80000000 : 0) | (this.nz === 0 ? 0x40000000 : 0) | (this.carry << 29) | (this.overflow << 28);
+        return (
+            (this.nz < 0 ? 0x80000000 : 0) |
+            (this.nz === 0 ? 0x40000000 : 0) |
+            (this.carry << 29) |
+            (this.overflow << 28)
+        );
     }
     set APSR(value) {
         this.nz = value & 0x80000000 ? -1 : value & 0x40000000 ? 0 : 1;
@@ -152,7 +158,10 @@ export class Core extends CortexM0Core {
         return true;
     }
 
-    /** Enters an exception; r15 is the address to return to. Where even its frame cannot be pushed, the processor locks up. */
+    /**
+     * Enters an exception; r15 is the address to return to. Where even its frame cannot be pushed, the processor locks
+     * up.
+     */
     enter(number) {
         try {
             this.exceptionEntry(number);
@@ -524,7 +533,8 @@ export class Core extends CortexM0Core {
                         } else if (op >>> 8 === 0xb2) {
                             a = r[(op >> 3) & 7];
                             b = (op >> 6) & 3; // SXTH, SXTB, UXTH, UXTB
-                            r[op & 7] = b === 0 ? (a << 16) >> 16 : b === 1 ? (a << 24) >> 24 : b === 2 ? a & 0xffff : a & 0xff;
+                            r[op & 7] =
+                                b === 0 ? (a << 16) >> 16 : b === 1 ? (a << 24) >> 24 : b === 2 ? a & 0xffff : a & 0xff;
                         } else if (op === 0xb672) {
                             this.PM = true;
                         } else if (op === 0xb662) {
@@ -578,7 +588,7 @@ export class Core extends CortexM0Core {
                             spent = this.spent; // some take time
                             next = r[15] & ~1;
                         } else if (op >>> 8 === 0xbf && (op & 15) === 0) {
-                            spent += 1 & extra;
+                            spent += (op === NOP ? 0 : 1) & extra;
                             this.hint((op >> 4) & 15);
                         } else {
                             throw new Fault('undefined instruction', pc);
@@ -664,7 +674,8 @@ export class Core extends CortexM0Core {
                             const sign = (op >> 10) & 1;
                             const i1 = ~((low >> 13) ^ sign) & 1;
                             const i2 = ~((low >> 11) ^ sign) & 1;
-                            const offset = (-sign << 24) | (i1 << 23) | (i2 << 22) | ((op & 0x3ff) << 12) | ((low & 0x7ff) << 1);
+                            const offset =
+                                (-sign << 24) | (i1 << 23) | (i2 << 22) | ((op & 0x3ff) << 12) | ((low & 0x7ff) << 1);
                             r[14] = (pc + 4) | 1;
                             next = (pc + 4 + offset) | 0;
                         } else {

@@ -61,9 +61,9 @@ class RegisterSource {
 }
 
 /**
- * The profile scanner of lib/scan/generic.h, as a register file on I2C. What it shows comes from canopy-scanner by Modbus
- * TCP: one program makes sweeps, with its faults and its record of what was served. The chip's time stands still while
- * the registers are fetched.
+ * The profile scanner of lib/scan/generic.h, as a register file on I2C. What it shows comes from canopy-scanner by
+ * Modbus TCP: one program makes sweeps, with its faults and its record of what was served. The chip's time stands
+ * still while the registers are fetched.
  */
 export class Scanner {
     constructor(machine, wire, host, port) {

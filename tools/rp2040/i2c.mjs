@@ -1,5 +1,6 @@
-// An I2C controller (datasheet, 4.3: DW_apb_i2c) as a master: its FIFOs, its states and how a transfer ends. It moves whole
-// bytes in the time they take on the wire, waits as long as somebody holds the bus, and never wedges the emulator.
+// An I2C controller (datasheet, 4.3: DW_apb_i2c) as a master: its FIFOs, its states and how a transfer ends. It moves
+// whole bytes in the time they take on the wire, waits as long as somebody holds the bus, and never wedges the
+// emulator.
 import { BasePeripheral } from './library.mjs';
 import { Violation } from './faults.mjs';
 
@@ -29,7 +30,18 @@ const ENABLE_STATUS = 0x9c;
 const FS_SPKLEN = 0xa0;
 
 // Reading one of these clears that interrupt.
-const CLEARS = new Map([[0x44, 0], [0x48, 1], [0x4c, 3], [0x50, 5], [0x54, 6], [0x58, 7], [0x5c, 8], [0x60, 9], [0x64, 10], [0x68, 11]]);
+const CLEARS = new Map([
+    [0x44, 0],
+    [0x48, 1],
+    [0x4c, 3],
+    [0x50, 5],
+    [0x54, 6],
+    [0x58, 7],
+    [0x5c, 8],
+    [0x60, 9],
+    [0x64, 10],
+    [0x68, 11],
+]);
 
 const CON_MASTER = 1 << 0;
 const CON_SLAVE_DISABLE = 1 << 6;
@@ -58,8 +70,20 @@ const FIFO = 16;
 const FUNCTION = 3;
 
 const RESET_VALUES = [
-    [CON, 0x65], [TAR, 0x55], [SAR, 0x55], [SS_HCNT, 0x28], [SS_LCNT, 0x2f], [FS_HCNT, 6], [FS_LCNT, 13], [INTR_MASK, 0x8ff],
-    [RX_TL, 0], [TX_TL, 0], [SDA_HOLD, 1], [DMA_CR, 0], [SDA_SETUP, 0x64], [FS_SPKLEN, 7],
+    [CON, 0x65],
+    [TAR, 0x55],
+    [SAR, 0x55],
+    [SS_HCNT, 0x28],
+    [SS_LCNT, 0x2f],
+    [FS_HCNT, 6],
+    [FS_LCNT, 13],
+    [INTR_MASK, 0x8ff],
+    [RX_TL, 0],
+    [TX_TL, 0],
+    [SDA_HOLD, 1],
+    [DMA_CR, 0],
+    [SDA_SETUP, 0x64],
+    [FS_SPKLEN, 7],
 ];
 // These may be written while the block is on; all others only while it is off.
 const ALWAYS = new Set([INTR_MASK, RX_TL, TX_TL, DMA_CR]);
@@ -108,7 +132,9 @@ export class I2c extends BasePeripheral {
 
     get isConnected() {
         const { wire, rp2040 } = this;
-        return wire !== null && rp2040.pinHears(wire.numbers.sda, FUNCTION) && rp2040.pinHears(wire.numbers.scl, FUNCTION);
+        return (
+            wire !== null && rp2040.pinHears(wire.numbers.sda, FUNCTION) && rp2040.pinHears(wire.numbers.scl, FUNCTION)
+        );
     }
 
     /** Goes on with `then` after so many bits and whatever the device holds the clock for, if ever it lets it go. */

@@ -52,7 +52,9 @@ export function loadImage(path, flash) {
     for (const { address, data } of magic === 0x464c457f ? elfPieces(file) : uf2Pieces(file)) {
         const offset = address - FLASH;
         if (offset < 0 || offset + data.length > flash.bytes) {
-            throw new BadImage(`${data.length} bytes at ${address.toString(16)} are not in ${flash.bytes} bytes of flash`);
+            throw new BadImage(
+                `${data.length} bytes at ${address.toString(16)} are not in ${flash.bytes} bytes of flash`,
+            );
         }
         flash.memory.set(data, offset);
     }

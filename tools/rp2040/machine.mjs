@@ -1,7 +1,7 @@
 // A chip that runs: the loop, the pace, and who is connected.
 //
-// Alone it runs as fast as it can, and every run is the same. With a peer on a line it keeps real time: never faster, and
-// where the host is too slow, slower (its clock then has stood still meanwhile).
+// Alone it runs as fast as it can, and every run is the same. With a peer on a line it keeps real time: never faster,
+// and where the host is too slow, slower (its clock then has stood still meanwhile).
 import { Chip } from './chip.mjs';
 import { Fault } from './faults.mjs';
 import { Flash } from './flash.mjs';
@@ -162,7 +162,8 @@ export class Machine {
         }
         return new Promise((resolve) => {
             const millis = nanos / NANOS_A_MILLI;
-            const timer = millis < 1.2 ? setImmediate(resolve) : setTimeout(resolve, Math.min(Math.floor(millis), 1000));
+            const timer =
+                millis < 1.2 ? setImmediate(resolve) : setTimeout(resolve, Math.min(Math.floor(millis), 1000));
             this.wake = () => {
                 clearTimeout(timer);
                 resolve();

@@ -5,10 +5,30 @@ import { BLOCKS } from './resets.mjs';
 
 // Of blocks that can be held in reset: base address and the name of its reset.
 const HELD_BY = {
-    0x40004: 'SYSCFG', 0x40000: 'SYSINFO', 0x40014: 'IO_BANK0', 0x40018: 'IO_QSPI', 0x4001c: 'PADS_BANK0',
-    0x40020: 'PADS_QSPI', 0x40028: 'PLL_SYS', 0x4002c: 'PLL_USB', 0x40030: 'BUSCTRL', 0x40034: 'UART0', 0x40038: 'UART1',
-    0x4003c: 'SPI0', 0x40040: 'SPI1', 0x40044: 'I2C0', 0x40048: 'I2C1', 0x4004c: 'ADC', 0x40050: 'PWM', 0x40054: 'TIMER',
-    0x4005c: 'RTC', 0x4006c: 'TBMAN', 0x50000: 'DMA', 0x50110: 'USBCTRL', 0x50200: 'PIO0', 0x50300: 'PIO1',
+    0x40004: 'SYSCFG',
+    0x40000: 'SYSINFO',
+    0x40014: 'IO_BANK0',
+    0x40018: 'IO_QSPI',
+    0x4001c: 'PADS_BANK0',
+    0x40020: 'PADS_QSPI',
+    0x40028: 'PLL_SYS',
+    0x4002c: 'PLL_USB',
+    0x40030: 'BUSCTRL',
+    0x40034: 'UART0',
+    0x40038: 'UART1',
+    0x4003c: 'SPI0',
+    0x40040: 'SPI1',
+    0x40044: 'I2C0',
+    0x40048: 'I2C1',
+    0x4004c: 'ADC',
+    0x40050: 'PWM',
+    0x40054: 'TIMER',
+    0x4005c: 'RTC',
+    0x4006c: 'TBMAN',
+    0x50000: 'DMA',
+    0x50110: 'USBCTRL',
+    0x50200: 'PIO0',
+    0x50300: 'PIO1',
 };
 
 /** Bit number of the reset for each key of the map. */
@@ -44,7 +64,13 @@ export class Words extends BasePeripheral {
 /** The control registers of the flash's cache (2.6.3): nothing is cached here, so only the flush has an effect. */
 export class XipControl extends Words {
     constructor(chip) {
-        super(chip, 'XIP_CTRL', [[0x00, 3], [0x04, 0], [0x08, 3], [0x0c, 0], [0x10, 0]]);
+        super(chip, 'XIP_CTRL', [
+            [0x00, 3],
+            [0x04, 0],
+            [0x08, 3],
+            [0x0c, 0],
+            [0x10, 0],
+        ]);
     }
 
     writeUint32(offset, value) {

@@ -1,4 +1,5 @@
-// Orders to a running machine over a socket, with QEMU's prompt, so that a test need not know which emulator it talks to:
+// Orders to a running machine over a socket, with QEMU's prompt, so that a test need not know which emulator it talks
+// to:
 //
 //     pmemsave ADDRESS LENGTH "FILE"   saves memory        fault NAME[=VALUE]   sets one (fault none: takes all back)
 //     counters                         one line of JSON    quit
@@ -27,7 +28,7 @@ export class Monitor {
 
     take(text) {
         this.text += text;
-        for (let end; (end = this.text.indexOf('\n')) >= 0; ) {
+        for (let end; (end = this.text.indexOf('\n')) >= 0;) {
             const line = this.text.slice(0, end).trim();
             this.text = this.text.slice(end + 1);
             this.say(this.obey(line));
@@ -40,7 +41,11 @@ export class Monitor {
         const { chip } = this.machine;
         switch (order) {
             case 'pmemsave':
-                return this.save(Number(words[0]), Number(words[1]), line.slice(line.indexOf('"') + 1, line.lastIndexOf('"')));
+                return this.save(
+                    Number(words[0]),
+                    Number(words[1]),
+                    line.slice(line.indexOf('"') + 1, line.lastIndexOf('"')),
+                );
             case 'fault':
                 return this.setFault(words[0] ?? '');
             case 'write':
@@ -70,7 +75,10 @@ export class Monitor {
 
     save(address, length, file) {
         const { chip } = this.machine;
-        writeFileSync(file, Uint8Array.from({ length }, (_, i) => chip.readUint8(address + i)));
+        writeFileSync(
+            file,
+            Uint8Array.from({ length }, (_, i) => chip.readUint8(address + i)),
+        );
         return '';
     }
 

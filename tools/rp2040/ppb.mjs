@@ -179,8 +179,9 @@ export class Ppb extends RPPPB {
         const bytes = 2 ** (((size >>> 1) & 31) + 1);
         const isBelowRam = base >= 0x15004000 && base + bytes <= 0x18000000;
         if (size & 1 && !isBelowRam && !(base >= 0x18004000 && base + bytes <= 0x20000000)) {
-            throw new Violation(`a region of ${bytes} bytes at ${hex(base)} for the memory protection unit, which is not modelled`);
+            throw new Violation(
+                `a region of ${bytes} bytes at ${hex(base)} for the memory protection unit, which is not modelled`,
+            );
         }
     }
 }
-

@@ -8,8 +8,31 @@ const ALL = 0x1ffffff;
 const RELEASE_NANOS = 200; // until DONE says so: the firmware has to wait
 
 export const BLOCKS = [
-    'ADC', 'BUSCTRL', 'DMA', 'I2C0', 'I2C1', 'IO_BANK0', 'IO_QSPI', 'JTAG', 'PADS_BANK0', 'PADS_QSPI', 'PIO0', 'PIO1',
-    'PLL_SYS', 'PLL_USB', 'PWM', 'RTC', 'SPI0', 'SPI1', 'SYSCFG', 'SYSINFO', 'TBMAN', 'TIMER', 'UART0', 'UART1', 'USBCTRL',
+    'ADC',
+    'BUSCTRL',
+    'DMA',
+    'I2C0',
+    'I2C1',
+    'IO_BANK0',
+    'IO_QSPI',
+    'JTAG',
+    'PADS_BANK0',
+    'PADS_QSPI',
+    'PIO0',
+    'PIO1',
+    'PLL_SYS',
+    'PLL_USB',
+    'PWM',
+    'RTC',
+    'SPI0',
+    'SPI1',
+    'SYSCFG',
+    'SYSINFO',
+    'TBMAN',
+    'TIMER',
+    'UART0',
+    'UART1',
+    'USBCTRL',
 ];
 
 export class Resets extends BasePeripheral {

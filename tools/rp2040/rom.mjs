@@ -1,5 +1,5 @@
-// The boot ROM (datasheet, 2.8): what it does before the second stage, the table of its functions, and those of them that
-// concern the flash. The table and its look-up are real code; a function is a breakpoint that ends up here.
+// The boot ROM (datasheet, 2.8): what it does before the second stage, the table of its functions, and those of them
+// that concern the flash. The table and its look-up are real code; a function is a breakpoint that ends up here.
 import { PAGE, SECTOR } from './flash.mjs';
 import { Violation, hex } from './faults.mjs';
 
@@ -165,8 +165,8 @@ export class Rom {
         const computed = crc32(block.subarray(0, BOOT2_BYTES - 4));
         if (stored !== computed) {
             throw new NoBoot(
-                `the boot ROM finds no second stage: its first 252 bytes have the CRC ${hex(computed)}, behind them stands ` +
-                    `${hex(stored)}; the chip would wait for a UF2 file on USB`,
+                `the boot ROM finds no second stage: 252 bytes have the CRC ${hex(computed)}, and behind them ` +
+                    `stands ${hex(stored)}; the chip would wait for a UF2 file on USB`,
             );
         }
         chip.sram.set(block, BOOT2 - SRAM);
@@ -175,4 +175,3 @@ export class Rom {
         chip.core.LR = 0;
     }
 }
-

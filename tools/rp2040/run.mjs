@@ -200,7 +200,12 @@ try {
     process.exit();
 } catch (problem) {
     const known = [Usage, BadInput, PowerCut, Violation, NoBoot, TooLong].some((kind) => problem instanceof kind);
-    const text = problem instanceof Fault ? `${problem.what} (pc ${hex(problem.address)})` : known ? problem.message : problem.stack;
+    const text =
+        problem instanceof Fault
+            ? `${problem.what} (pc ${hex(problem.address)})`
+            : known
+              ? problem.message
+              : problem.stack;
     process.stderr.write(`rp2040: ${text}\n`);
     process.exit(statusOf(problem));
 }

@@ -1,4 +1,5 @@
-// What an image may ask of an emulator (Arm's semihosting): the end of the run, and how many instructions there have been.
+// What an image may ask of an emulator (Arm's semihosting): the end of the run, and how many instructions there have
+// been.
 import { Violation, hex } from './faults.mjs';
 
 const WRITE0 = 0x04;

@@ -49,7 +49,7 @@ class Stdio extends Buffered {
 
     // Whole, also into a pipe that is full for a while.
     send(bytes) {
-        for (let at = 0; at < bytes.length; ) {
+        for (let at = 0; at < bytes.length;) {
             try {
                 at += writeSync(1, bytes, at);
             } catch (error) {

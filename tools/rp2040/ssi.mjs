@@ -1,6 +1,6 @@
-// The serial interface of the flash (datasheet, 4.10) with the flash behind it, as far as a second stage of the boot and
-// reading code need them: the commands that set the flash up, and whether an access to the address space of the flash
-// (XIP) works with what has been set up.
+// The serial interface of the flash (datasheet, 4.10) with the flash behind it, as far as a second stage of the boot
+// and reading code need them: the commands that set the flash up, and whether an access to the address space of the
+// flash (XIP) works with what has been set up.
 import { BasePeripheral } from './library.mjs';
 import { Violation, hex } from './faults.mjs';
 
@@ -26,7 +26,15 @@ export class Ssi extends BasePeripheral {
     }
 
     restart() {
-        this.registers = new Map([[CTRLR0, 0], [CTRLR1, 0], [SSIENR, 0], [SER, 0], [BAUDR, 0], [RX_SAMPLE_DLY, 0], [SPI_CTRLR0, 0]]);
+        this.registers = new Map([
+            [CTRLR0, 0],
+            [CTRLR1, 0],
+            [SSIENR, 0],
+            [SER, 0],
+            [BAUDR, 0],
+            [RX_SAMPLE_DLY, 0],
+            [SPI_CTRLR0, 0],
+        ]);
         this.continuous = false; // the flash waits for an address without an instruction
         this.stale = false; // the cache may hold what has been erased or programmed since
         this.writeEnabled = false;
@@ -35,7 +43,9 @@ export class Ssi extends BasePeripheral {
         this.update();
     }
 
-    /** As the boot ROM has it when it calls the second stage, or a function of the flash has ended: commands, no XIP. */
+    /**
+     * As the boot ROM has it when it calls the second stage, or a function of the flash has ended: commands, no XIP.
+     */
     enterCommandMode() {
         this.registers.set(SSIENR, 0);
         this.registers.set(SER, 1);
@@ -59,7 +69,12 @@ export class Ssi extends BasePeripheral {
     get reads() {
         const control = this.get(CTRLR0);
         const spi = this.get(SPI_CTRLR0);
-        if (this.get(SSIENR) !== 1 || this.get(SER) !== 1 || ((control >> 8) & 3) !== READ_EEPROM || ((control >> 16) & 31) !== 31) {
+        if (
+            this.get(SSIENR) !== 1 ||
+            this.get(SER) !== 1 ||
+            ((control >> 8) & 3) !== READ_EEPROM ||
+            ((control >> 16) & 31) !== 31
+        ) {
             return false;
         }
         const format = (control >> 21) & 3;
@@ -78,7 +93,8 @@ export class Ssi extends BasePeripheral {
         this.rp2040.setXip(this.reads);
     }
 
-    // The chip select falls with the first byte and rises when the transmitter runs empty: somebody looks whether it has.
+    // The chip select falls with the first byte and rises when the transmitter runs empty: somebody looks whether it
+    // has.
     endTransaction() {
         const [command, value] = this.sent;
         if (command === 0x06) {
@@ -111,7 +127,9 @@ export class Ssi extends BasePeripheral {
         }
         const [command, address] = this.sent;
         if (command !== 0xeb || !(this.statusRegister2 & 2)) {
-            throw new Violation(`the flash is read by ${hex(command)} with its quad mode ${this.statusRegister2 & 2 ? 'on' : 'off'}`);
+            throw new Violation(
+                `the flash is read by ${hex(command)} with its quad mode ${this.statusRegister2 & 2 ? 'on' : 'off'}`,
+            );
         }
         this.continuous = (address & 0xf0) === 0xa0;
         this.got.push(0);

@@ -60,7 +60,9 @@ export class Timer extends BasePeripheral {
         const ahead = (value - this.micros + 2 * TURN) % TURN;
         this.at[i] = value >>> 0;
         this.armed |= 1 << i;
-        this.alarms[i].schedule(this.origin + (this.micros + (ahead === 0 ? TURN : ahead)) * 1000 - this.rp2040.clock.nanos);
+        this.alarms[i].schedule(
+            this.origin + (this.micros + (ahead === 0 ? TURN : ahead)) * 1000 - this.rp2040.clock.nanos,
+        );
     }
 
     readUint32(offset) {

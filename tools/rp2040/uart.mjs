@@ -1,5 +1,5 @@
-// A UART (datasheet, 4.2: Arm's PL011): FIFOs of 32 or single registers, levels, receive timeout, overrun, BUSY; each byte
-// takes its time on the wire, in both directions. Bytes leave and come only where a pin has the UART's function.
+// A UART (datasheet, 4.2: Arm's PL011): FIFOs of 32 or single registers, levels, receive timeout, overrun, BUSY; each
+// byte takes its time on the wire, in both directions. Bytes leave and come only where a pin has the UART's function.
 import { BasePeripheral } from './library.mjs';
 import { Violation } from './faults.mjs';
 

@@ -74,7 +74,9 @@ export class Watchdog extends BasePeripheral {
             case LOAD:
                 return 0; // write only
             default:
-                return offset >= SCRATCH0 && offset <= SCRATCH7 ? this.scratch[(offset - SCRATCH0) / 4] : super.readUint32(offset);
+                return offset >= SCRATCH0 && offset <= SCRATCH7
+                    ? this.scratch[(offset - SCRATCH0) / 4]
+                    : super.readUint32(offset);
         }
     }
 

@@ -1,7 +1,7 @@
 // An I2C bus: two wires with pull-ups, pulled low by whoever wants to, the devices on it, and what can go wrong.
 //
-// The controller of the chip moves whole bytes (i2c.mjs); the wires themselves matter where somebody holds one, and where
-// the firmware moves them as pins to free the bus.
+// The controller of the chip moves whole bytes (i2c.mjs); the wires themselves matter where somebody holds one, and
+// where the firmware moves them as pins to free the bus.
 const GPIO_LOW = 0; // rp2040js' GPIOPinState.Low
 const NANOS = 1000;
 const NOTED = 4096;
@@ -131,7 +131,10 @@ export class Wire {
 
     // ---- Bytes, as a controller moves them
 
-    /** S START, R repeated START, both with address and r or w; w and r bytes; P STOP; ! behind what was not acknowledged. */
+    /**
+     * S START, R repeated START, both with address and r or w; w and r bytes; P STOP; ! behind what was not
+     * acknowledged.
+     */
     note(kind, byte, isAcknowledged = true) {
         const hex = byte === undefined ? '' : byte.toString(16).padStart(2, '0');
         this.heard.push(`${kind}${hex}${isAcknowledged ? '' : '!'}`);
@@ -159,7 +162,7 @@ export class Wire {
     read() {
         this.readBytes++;
         const byte = this.selected === null ? 0xff : this.selected.read();
-        const turned = this.faults.flip > 0 && this.readBytes % this.faults.flip === 0 ? 1 << this.readBytes % 8 : 0;
+        const turned = this.faults.flip > 0 && this.readBytes % this.faults.flip === 0 ? 1 << (this.readBytes % 8) : 0;
         const seen = this.sda ? byte ^ turned : 0;
         this.note('r', seen);
         return seen;
