@@ -61,6 +61,24 @@ class Client:
 FORMATS = {"u16": ">H", "u32": ">I", "i32": ">i", "f32": ">f"}
 
 
+class Patient(Client):
+    """Asks again, as PLCs do: a busy host may hold the board up in the middle of a frame, and then that is silence."""
+
+    def __init__(self, line, unit=1, timeout=2.0):
+        super().__init__(line, unit, timeout)
+        self.asked = self.again = 0
+
+    def exchange(self, pdu, answer_length):
+        self.asked += 1
+        for _ in range(2):
+            try:
+                return super().exchange(pdu, answer_length)
+            except NoAnswer:
+                self.again += 1
+                time.sleep(0.05)
+        return super().exchange(pdu, answer_length)
+
+
 class Registers:
     """Reads by name, by the table of build/registers.json."""
 

@@ -14,7 +14,7 @@ import pytest
 
 import emulator
 import sweep
-from rtu import Client, NoAnswer, Registers
+from rtu import Client, NoAnswer, Patient, Registers
 from running import BUILD, Emulator
 
 # runs alone: the board's time is the host's
@@ -23,18 +23,6 @@ ROOT = Path(__file__).resolve().parent.parent
 IMAGES = BUILD / "riscv_virt"
 VALID, INTRUSION = 1, 2
 WHOLE = sweep.PROFILES
-
-
-class Patient(Client):
-    """Asks again, as PLCs do: a busy host may hold the board up in the middle of a frame, and then that is silence."""
-
-    def exchange(self, pdu, answer_length):
-        for _ in range(2):
-            try:
-                return super().exchange(pdu, answer_length)
-            except NoAnswer:
-                time.sleep(0.05)
-        return super().exchange(pdu, answer_length)
 
 
 class Device:

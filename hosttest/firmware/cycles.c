@@ -3,7 +3,8 @@
 // Two scenes are made on the device, 400 columns x 344 profiles, 20 x 20 coefficients, Q = 4, side above:
 //   hills    value noise of six octaves, as rough as a terrain (the smallest waves are shorter than a field cell)
 //   boxes    parts with vertical walls on a plane, some columns without a reading
-// `feed` is canopy_field_feed_fx alone, in batches; `reading` the whole way of a reading through the station. `fit` is
+// `feed` is canopy_field_feed_fx alone (_f32 where the processor has float), in batches; `reading` the whole way of a
+// reading through the station. `fit` is
 // canopy_fast from begin to done with lines at the integers, `line` the mean of its lines, `certify` the certificate,
 // `refit` both as the station does them, up to the publication, and `refit_10x10` the same of 10 x 10 coefficients. A
 // request is what the RTU server does from the first byte to the whole reply.
@@ -31,6 +32,14 @@ static CANOPY_ARENA_DECLARE(arena, CANOPY_STATION_ARENA(M, N, CELLS, LINES, 1));
 static struct canopy_station station;
 static int32_t points[BATCH][3];
 
+// As the board's own station: in float where the processor has it.
+#ifdef __ARM_FP
+#define FIT (&canopy_line_fit_f32)
+static float float_points[BATCH][3];
+#else
+#define FIT (&canopy_line_fit_fx)
+#endif
+
 // ---- Scenes
 
 struct scene {
@@ -45,6 +54,10 @@ static void make_batch(const struct scene *scene, uint32_t profile, uint32_t col
         points[i][0] = (int32_t)(column + i) * STEP;
         points[i][1] = (int32_t)profile * STEP;
         points[i][2] = scene->height(column + i, profile);
+#ifdef __ARM_FP
+        for (int a = 0; a < 3; a++)
+            float_points[i][a] = (float)points[i][a];
+#endif
     }
 }
 
@@ -87,7 +100,12 @@ static uint64_t sweep(const struct scene *scene, void (*take)(void)) {
 }
 
 static void take_feed(void) {
-    if (canopy_field_feed_fx(&station.field, points, BATCH) != 0)
+#ifdef __ARM_FP
+    const size_t refused = canopy_field_feed_f32(&station.field, (const float(*)[3])float_points, BATCH);
+#else
+    const size_t refused = canopy_field_feed_fx(&station.field, (const int32_t(*)[3])points, BATCH);
+#endif
+    if (refused != 0)
         fail("a point was refused");
 }
 
@@ -150,7 +168,7 @@ static void measure_refit(const struct scene *scene, const char *name) {
 static void begin_station(uint16_t m, uint16_t n) {
     const struct canopy_station_config config = {
         .grid = {.size = {m, n}, .cells = CELLS, .side = CANOPY_ABOVE},
-        .fit = &canopy_line_fit_fx,
+        .fit = FIT,
         .lines = LINES,
         .clients = 1,
         .unit = 1.0F,
