@@ -334,6 +334,7 @@ const tests = {
             PowerCut,
         );
         assert.equal(flash.memory[43], 0);
+        assert.equal(flash.memory[44], 0x05, 'half of its bits');
         assert.equal(flash.memory[45], 0x0f);
         assert.throws(() => flash.erase(4096, 4096), PowerCut, 'without power nothing changes');
     },

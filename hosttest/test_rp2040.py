@@ -348,3 +348,32 @@ def test_settings_survive_power_and_one_damaged_copy(start, tmp_path):
         assert station.registers["settings_state"] == state
         assert station.registers["set_stale_after_ms"] == stale_ms
         station.close()  # it writes its flash back
+
+
+def test_power_that_fails_while_storing_leaves_the_old_settings_or_the_new(start, tmp_path):
+    """hosttest/test_store_cuts.c cuts at every write; here the chip's own sequence is cut in each of its parts."""
+    kept = tmp_path / "flash"
+
+    def store(station, stale_ms):
+        table = station.registers.table
+        station.client.write(table["set_stale_after_ms"]["address"], [0, stale_ms])
+        station.client.write(table["command"]["address"], [STORE])
+
+    station = start("--flash", str(kept))
+    station.wait_for_start()
+    store(station, 1234)
+    station.wait("settings_stored", lambda state: state == 2)
+    station.close()
+    before, seen = kept.read_bytes(), set()
+    for cut in (100, 2000, 4400, 4800, 7000):
+        kept.write_bytes(before)
+        station = start("--flash", str(kept), "--keep", "--power-cut-after", str(cut))
+        station.wait_for_start()
+        store(station, 2345)
+        assert station.emulator.process.wait(20) == 4
+        station = start("--flash", str(kept), "--keep")
+        station.wait_for_start()
+        assert station.registers["settings_state"] in (1, 2)
+        seen.add(station.registers["set_stale_after_ms"])
+        station.close()
+    assert seen == {1234, 2345}

@@ -4,6 +4,7 @@ import { existsSync, readFileSync, writeFileSync } from 'node:fs';
 
 export const SECTOR = 4096;
 export const PAGE = 256;
+const HALF = 0x5a;
 
 /** The power has failed: the run ends here, and what is in the flash stays as it is. */
 export class PowerCut extends Error {}
@@ -32,25 +33,27 @@ export class Flash {
         writeFileSync(file, this.memory);
     }
 
-    // Bytes change one after the other; that is how far an operation has come when the power fails. A half erased byte
-    // is neither old nor new.
+    // Bytes change one after the other; that is how far an operation has come when the power fails, and of the next byte
+    // half of the bits.
     change(offset, length, of) {
         for (let i = offset; i < offset + length; i++) {
             if (this.left-- <= 0) {
-                this.memory[i] &= 0x5a;
+                if (this.left === -1) {
+                    this.memory[i] = of(i - offset, this.memory[i], HALF);
+                }
                 throw new PowerCut(`the power fails while the flash is written, at ${(0x10000000 + i).toString(16)}`);
             }
-            this.memory[i] = of(i - offset, this.memory[i]);
+            this.memory[i] = of(i - offset, this.memory[i], 0xff);
         }
     }
 
     erase(offset, length) {
         this.erases++;
-        this.change(offset, length, () => 0xff);
+        this.change(offset, length, (i, old, bits) => old | bits);
     }
 
     program(offset, data) {
         this.programs++;
-        this.change(offset, data.length, (i, old) => old & data[i]);
+        this.change(offset, data.length, (i, old, bits) => old & (data[i] | ~bits));
     }
 }
