@@ -19,14 +19,14 @@
 #define CANOPY_MIE_EXTERNAL (1u << 11)  // machine external interrupt: the PLIC's
 #define CANOPY_MCAUSE_INTERRUPT (1u << 31)
 
-/// Masks all interrupts and tells whether they were masked before. Give that to canopy_core_restore.
+/// Masks all interrupts; not 0 if they were masked before. Give that to canopy_core_restore.
 static inline uint32_t canopy_core_mask(void) {
     uint32_t before;
     __asm volatile("csrrci %0, mstatus, 8" : "=r"(before)::"memory");
-    return before & CANOPY_MSTATUS_MIE;
+    return ~before & CANOPY_MSTATUS_MIE;
 }
 
-static inline void canopy_core_restore(uint32_t before) { CANOPY_CSR_SET(mstatus, before); }
+static inline void canopy_core_restore(uint32_t before) { CANOPY_CSR_SET(mstatus, before ^ CANOPY_MSTATUS_MIE); }
 
 /// Sleeps until an interrupt that mie lets through is pending, masked in mstatus or not (3.3.3). It may return sooner.
 static inline void canopy_core_wait(void) { __asm volatile("fence\n\twfi" ::: "memory"); }

@@ -15,7 +15,7 @@ __attribute__((used)) static _Noreturn void start(void) {
         *to = *from++;
     for (uint32_t *to = canopy_bss_start; to != canopy_bss_end; to++)
         *to = 0;
-    canopy_core_restore(CANOPY_MSTATUS_MIE);
+    CANOPY_CSR_SET(mstatus, CANOPY_MSTATUS_MIE);
     (void)main();
     __asm volatile("unimp");
     for (;;)
