@@ -22,7 +22,7 @@ BOARDS = ["mps2_an385", "linux"]
 @pytest.fixture
 def build(tmp_path):
     """A build directory of its own, with the programs of the real one."""
-    for name in ("host", "mps2_an385", "mps2_an500", "riscv_virt"):
+    for name in ("host", "mps2_an385", "mps2_an500", "riscv_virt", "rp2040_pico"):
         (tmp_path / name).symlink_to(BUILD / name)
     return tmp_path
 
@@ -68,7 +68,7 @@ def assert_whole(build, output):
     return surrogate, served
 
 
-@pytest.mark.parametrize("board", [*BOARDS, "mps2_an500"])
+@pytest.mark.parametrize("board", [*BOARDS, "mps2_an500", "rp2040_pico"])
 def test_the_terrain_from_the_scanner_to_the_plc(build, board):
     status, output, errors = demo(build, "--board", board, "--short")
     assert status == 0, output + errors
@@ -178,7 +178,7 @@ def test_a_missing_program_is_named(tmp_path, missing):
     assert children_of(tmp_path) == []
 
 
-@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("board", [*BOARDS, "rp2040_pico"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_child_outlives_the_demo(build, board, number):
     running = subprocess.Popen([*DEMO, "--board", board], cwd=ROOT, env={**os.environ, "BUILD": str(build)},
