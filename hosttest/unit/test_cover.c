@@ -567,13 +567,21 @@ static double height_at(const int32_t *b, double u, double v) {
     return sum;
 }
 
-// The least of surface minus height over 4 x 4 places of every covered cell, corners included, rounded up to 1/1000.
+// Places of a cell along each axis; where a double costs hundreds of instructions the corners alone.
+#ifdef __ARM_ARCH_6M__
+enum { PLACES = 2 };
+#else
+enum { PLACES = 4 };
+#endif
+
+// The least of surface minus height over these places of every covered cell, rounded up to 1/1000.
 static double lowest_excess(const struct canopy_field *field, const int32_t *b) {
     double lowest = 1e30;
     for (uint32_t cell = 0; cell < field->axis[0].count * field->axis[1].count; cell++) {
         const uint32_t row = cell / field->axis[1].count, column = cell % field->axis[1].count;
-        for (int k = 0; k < 16 && field->heights[cell] != CANOPY_NO_HEIGHT; k++) {
-            const double u = (row + k % 4 / 3.0) / CELLS, v = (column + k / 4 / 3.0) / CELLS;
+        for (int k = 0; k < PLACES * PLACES && field->heights[cell] != CANOPY_NO_HEIGHT; k++) {
+            const double u = (row + k % PLACES / (PLACES - 1.0)) / CELLS;
+            const double v = (column + k / PLACES / (PLACES - 1.0)) / CELLS;
             lowest = fmin(lowest, height_at(b, u, v) - field->heights[cell] + 0.001);
         }
     }
