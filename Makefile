@@ -217,7 +217,7 @@ $$($(1)_UNITS): $(BUILD)/$(1)/unit_%.elf: $(BUILD)/$(1)/obj/hosttest/unit/test_%
     $(BUILD)/$(1)/obj/hosttest/unit/run_firmware.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
 	$$(call image,$(1),16384)
 $$($(1)_OTHERS): $(BUILD)/$(1)/%.elf: $(BUILD)/$(1)/obj/hosttest/firmware/%.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
-	$$(call image,$(1),$(BOARD_STACK))
+	$$(call image,$(1),4096)
 endef
 
 define read_board

@@ -101,8 +101,9 @@ const struct canopy_selftest_known canopy_selftest_f32 = {&canopy_line_fit_f32, 
 
 static bool feed(struct canopy_field *field) {
     struct canopy_field_hit hit;
-    for (int32_t k = 0; k < ROWS * ROWS; k++) {
-        const int32_t point[3] = {k / ROWS * CELL_UNITS + 1, k % ROWS * CELL_UNITS + 2, k * k * 29 % 67};
+    for (uint32_t k = 0; k < ROWS * ROWS; k++) {
+        const int32_t point[3] = {(int32_t)(k / ROWS * CELL_UNITS + 1), (int32_t)(k % ROWS * CELL_UNITS + 2),
+                                  (int32_t)(k * k * 29 % 67)};
         if (canopy_field_insert_fx(field, point, &hit) != CANOPY_OK) {
             return false;
         }
