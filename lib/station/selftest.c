@@ -28,6 +28,8 @@ static void put(void *context, unsigned i, uint32_t value) { *((const struct win
 // Nothing but the stack is touched beside the window while it is not what the program has put there.
 static bool march(struct window *window, unsigned count, uint32_t background, const struct canopy_memory *memory) {
     uint32_t saved[2 * WORDS];
+    // read before the call, after which it may be anything: it may stand in the window
+    void (*const restore)(uint32_t was) = memory->restore;
     const uint32_t was = memory->mask();
     for (unsigned i = 0; i < count; i++) {
         saved[i] = get(window, i);
@@ -36,7 +38,7 @@ static bool march(struct window *window, unsigned count, uint32_t background, co
     for (unsigned i = 0; i < count; i++) {
         put(window, i, saved[i]);
     }
-    memory->restore(was);
+    restore(was);
     return good;
 }
 
