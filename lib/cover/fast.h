@@ -65,9 +65,9 @@ struct canopy_fast {
 };
 
 /// Prepares fits of `field`, which stays where it is and is read at every step. `lines` must divide its cells along u.
-/// `fit` is the arithmetic of the solves, nothing else: &canopy_line_fit_f32 or &canopy_line_fit_fx. `arena`: CANOPY_FAST_ARENA bytes, aligned to 8, the
-/// fit's as long as it is used. CANOPY_ARGUMENT: no fit, `lines` is 0 or does not divide the cells; CANOPY_ARENA_SHORT,
-/// CANOPY_ARENA_ALIGN.
+/// `fit` is the arithmetic of the solves, nothing else: &canopy_line_fit_f32 or &canopy_line_fit_fx. `arena`:
+/// CANOPY_FAST_ARENA bytes, aligned to 8, the fit's as long as it is used. CANOPY_ARGUMENT: no fit, `lines` is 0 or
+/// does not divide the cells; CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN.
 enum canopy_status canopy_fast_init(struct canopy_fast *fast, const struct canopy_field *field,
                                     const struct canopy_line_fit *fit, uint16_t lines, void *arena, size_t bytes);
 

@@ -21,8 +21,8 @@
 /// *Published* is what stands in the caller's coefficients, and it is always safe: an iterate is rounded to whole
 /// steps, every constraint is recomputed from those whole coefficients with a bounded error, and where something is
 /// missing the 4 x 4 coefficients of that knot cell are raised by it, which lowers the surface nowhere. Only then, and
-/// only if its mean gap is smaller, does it replace what was published before, beginning with the caller's own start. An
-/// iterate that would gain less than 3 % is not tried, unless it is the last.
+/// only if its mean gap is smaller, does it replace what was published before, beginning with the caller's own start.
+/// An iterate that would gain less than 3 % is not tried, unless it is the last.
 ///
 /// Any dual y >= 0 proves a lower bound of the optimum. With r = c - A'y and l <= x <= u the reach,
 ///     c x* >= b y + sum_j min(r_j l_j, r_j u_j) = c x - [ s y + sum_j max(r_j (x_j - l_j), r_j (x_j - u_j)) ],
@@ -232,8 +232,8 @@ enum canopy_status canopy_tighten_over(struct canopy_tighten *tighten, const int
 enum canopy_status canopy_tighten_begin(struct canopy_tighten *tighten, int32_t *coefficients, bool safe);
 
 /// Does at most `budget` units of work. Each looks at some 300 constraints (at most 700 points of a knot cell), or
-/// passes over 64 constraints in use (16 where they make the matrix), or does 4 rows of the matrix, 64 of a solution, or
-/// a row of field cells of the certificate, or looks once at every coefficient or some times at every row in use.
+/// passes over 64 constraints in use (16 where they make the matrix), or does 4 rows of the matrix, 64 of a solution,
+/// or a row of field cells of the certificate, or looks once at every coefficient or some times at every row in use.
 /// CANOPY_MORE, or CANOPY_OK when nothing is left to be gained. It can end after any call: what is published is safe.
 enum canopy_status canopy_tighten_step(struct canopy_tighten *tighten, uint32_t budget);
 

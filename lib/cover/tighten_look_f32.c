@@ -465,8 +465,8 @@ static float near_of(const struct canopy_tighten *t) {
 // What a cell may lack by rounding, coefficients within `reach`.
 static float error_of(float reach) { return CANOPY_TIGHTEN_ERROR * larger(reach / CANOPY_TIGHTEN_ERROR_REACH, 1.0f); }
 
-// A step is flagged where its rounding to whole steps, or the error of having looked, might have to be made good. What a
-// candidate is twice as far from, its iterate is far from, too: the two are a few steps apart.
+// A step is flagged where its rounding to whole steps, or the error of having looked, might have to be made good. What
+// a candidate is twice as far from, its iterate is far from, too: the two are a few steps apart.
 static float flag_of(const struct canopy_tighten *t) { return 4.0f * CANOPY_TIGHTEN_ERROR + 32.0f * t->per_step; }
 
 static void find_bend(struct visit *v) {
@@ -542,7 +542,8 @@ static bool raise(const struct visit *v, int32_t *b, float reach) {
     return true;
 }
 
-// A cell of which no part needs its flag loses it: at the iterate, which was not raised as other cells' coefficients were.
+// A cell of which no part needs its flag loses it: at the iterate, which was not raised as other cells' coefficients
+// were.
 static void settle_flag(const struct visit *v, bool last) {
     uint8_t *flags = &v->t->flagged[v->cell];
     if (v->least - v->t->sums[0] < 2.0f * flag_of(v->t)) {

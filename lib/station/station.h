@@ -168,8 +168,8 @@ enum canopy_status canopy_station_init(struct canopy_station *station, const str
 enum canopy_status canopy_station_begin(struct canopy_station *station, const struct canopy_frame *frame);
 
 /// Begins a scene in the smallest frame that holds what the scanner says of it, all corners of its box; does nothing
-/// where that is the frame already. CANOPY_RANGE: with config.axes no frame holds it (canopy_frame_around_turned_fx), or
-/// not in float.
+/// where that is the frame already. CANOPY_RANGE: with config.axes no frame holds it (canopy_frame_around_turned_fx),
+/// or not in float.
 enum canopy_status canopy_station_begin_box(struct canopy_station *station, const int32_t low[3],
                                             const int32_t high[3]);
 

@@ -52,7 +52,8 @@ static bool mark_patch(struct canopy_station *station, const struct canopy_field
     return risen;
 }
 
-// Whether a reading in a box that is not what was certified may lie beyond the published envelope: against the least that the surface can be over it.
+// Whether a reading in a box that is not what was certified may lie beyond the published envelope: against the least
+// that the surface can be over it.
 static bool is_box_beyond(const struct canopy_station *station, const struct canopy_field_box_fx *box, int32_t height) {
     const struct canopy_envelope *envelope = canopy_plc_published(&station->plc);
     if (envelope == NULL) {

@@ -1,5 +1,5 @@
-// The four functions on bytes that a compiler calls by itself: a word at a time where both ends are on words, else a byte.
-// Those of the C libraries are larger, or take a byte at a time where this clears 36 KB at every start.
+// The four functions on bytes that a compiler calls by itself: a word at a time where both ends are on words, else a
+// byte. Those of the C libraries are larger, or take a byte at a time where this clears 36 KB at every start.
 #include <stdint.h>
 #include <string.h>
 

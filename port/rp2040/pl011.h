@@ -58,7 +58,8 @@ void canopy_pl011_start_printing(uint32_t base, uint32_t reset, uint32_t clock_h
 /// Prints one character by polling, also with interrupts off.
 void canopy_pl011_put(uint32_t base, char character);
 
-/// Sends by polling what waits to be sent: 87 us a byte at 115200 baud. For who is about to print like that, or to reset.
+/// Sends by polling what waits to be sent: 87 us a byte at 115200 baud. For who is about to print like that, or to
+/// reset.
 void canopy_pl011_flush(struct canopy_pl011 *uart);
 
 #endif

@@ -9,7 +9,8 @@
 
 #include "lib/port.h"
 
-/// The watchdog counts 24 bits, down by two a microsecond (erratum RP2040-E1): 8.39 s, which leaves the warning some time.
+/// The watchdog counts 24 bits, down by two a microsecond (erratum RP2040-E1): 8.39 s, which leaves the warning some
+/// time.
 #define CANOPY_RP2040_WATCHDOG_MOST_US 8300000u
 
 /// The alarm of the timer that warns, RP2040_IRQ_TIMER + this; nobody else may use it.

@@ -32,8 +32,8 @@ extern const struct argp canopy_wish_argp;
 /// One of two words, or wrong usage: 0 or 1.
 int canopy_wish_word(struct argp_state *state, const char *option, const char *text, const char *zero, const char *one);
 
-/// At the end of the command line: points and a grid (its own or --frame's) must be there, and options that exclude each
-/// other not.
+/// At the end of the command line: points and a grid (its own or --frame's) must be there, and options that exclude
+/// each other not.
 void canopy_wish_end(const struct canopy_wish *wish, struct argp_state *state);
 
 /// From words to a wish. `frame` receives the surrogate of --frame, whose memory the caller frees.

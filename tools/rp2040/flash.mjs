@@ -33,8 +33,8 @@ export class Flash {
         writeFileSync(file, this.memory);
     }
 
-    // Bytes change one after the other; that is how far an operation has come when the power fails, and of the next byte
-    // half of the bits.
+    // Bytes change one after the other; that is how far an operation has come when the power fails, and half of the
+    // next byte's bits.
     change(offset, length, of) {
         for (let i = offset; i < offset + length; i++) {
             if (this.left-- <= 0) {
