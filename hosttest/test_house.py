@@ -68,7 +68,7 @@ def build(scratch, kind, text):
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
         raise RuntimeError(done.stderr)
-    return (runner().QEMU if kind == "firmware" else []) + [str(program)]
+    return load(ROOT / "tools/emulator.py").argv("mps2_an385", program) if kind == "firmware" else [str(program)]
 
 
 @pytest.mark.parametrize("kind", ["cmocka", "plain", "firmware"])
