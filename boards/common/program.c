@@ -26,8 +26,8 @@ static void introduce(void) {
 // What all boards' lines are: port/board.h. That there is one more setting than a board has use for does no harm.
 static const uint32_t fixed = 1U << CANOPY_SETTING_PLC_FORMAT | 1U << CANOPY_SETTING_SCANNER_FORMAT;
 
-struct canopy_board canopy_program_start(struct canopy_settings *settings, uint8_t plc_line, void *arena,
-                                         size_t bytes) {
+struct canopy_board canopy_program_start(struct canopy_settings *settings, uint8_t plc_line,
+                                         const struct canopy_selftest_known *known, void *arena, size_t bytes) {
     memory = canopy_board_memory();
     flash = canopy_board_flash();
     const struct canopy_health_config config = {.memory = &memory,
@@ -40,7 +40,7 @@ struct canopy_board canopy_program_start(struct canopy_settings *settings, uint8
     uint32_t baud[CANOPY_BOARD_LINES] = {settings->scanner_baud, settings->scanner_baud};
     baud[plc_line] = settings->plc_baud;
     const struct canopy_board board = canopy_board_start(baud);
-    canopy_health_test(&health, canopy_board_last_crash(), &canopy_selftest_fx, arena, bytes);
+    canopy_health_test(&health, canopy_board_last_crash(), known, arena, bytes);
     introduce();
     return board;
 }

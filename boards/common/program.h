@@ -9,7 +9,8 @@
 ///
 ///     int main(void) {
 ///         struct canopy_settings settings;
-///         const struct canopy_board board = canopy_program_start(&settings, PLC_LINE, arena, sizeof arena);
+///         const struct canopy_board board = canopy_program_start(&settings, PLC_LINE, &canopy_selftest_fx, arena,
+///                                                                 sizeof arena);
 ///         struct canopy_device_config config;
 ///         canopy_program_configure(&config, &board, &settings, PLC_LINE);
 ///         config.scanner = …;
@@ -40,8 +41,9 @@
 
 /// Reads the settings that are stored, starts the board with them, tests it (lib/station/health.h), says so on its
 /// console, and tells the settings that are in force. Of the two lines the PLC is on `plc_line`; if the scanner is on a
-/// line it is on the other. `arena`: the device's, which is not used yet.
-struct canopy_board canopy_program_start(struct canopy_settings *settings, uint8_t plc_line, void *arena, size_t bytes);
+/// line it is on the other. `known`: by the arithmetic of the station's fit. `arena`: the device's, not used yet.
+struct canopy_board canopy_program_start(struct canopy_settings *settings, uint8_t plc_line,
+                                         const struct canopy_selftest_known *known, void *arena, size_t bytes);
 
 /// What a device in fixed point is configured with on all boards; the scanner is left to the main.
 static inline void canopy_program_configure(struct canopy_device_config *to, const struct canopy_board *board,

@@ -18,7 +18,8 @@ static struct canopy_station_tightening tightening;
 
 int main(void) {
     struct canopy_settings settings;
-    const struct canopy_board board = canopy_program_start(&settings, PLC_LINE, arena, sizeof arena);
+    const struct canopy_board board =
+        canopy_program_start(&settings, PLC_LINE, &canopy_selftest_f32, arena, sizeof arena);
     struct canopy_device_config config;
     canopy_program_configure(&config, &board, &settings, PLC_LINE);
     config.station.fit = &canopy_line_fit_f32;

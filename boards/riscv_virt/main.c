@@ -11,7 +11,8 @@ static struct canopy_sweep sweep;
 
 int main(void) {
     struct canopy_settings settings;
-    const struct canopy_board board = canopy_program_start(&settings, PLC_LINE, arena, sizeof arena);
+    const struct canopy_board board =
+        canopy_program_start(&settings, PLC_LINE, &canopy_selftest_fx, arena, sizeof arena);
     struct canopy_device_config config;
     canopy_program_configure(&config, &board, &settings, PLC_LINE);
     config.scanner = (struct canopy_device_scanner){.link = canopy_sweep_link(&sweep),
