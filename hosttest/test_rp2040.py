@@ -228,8 +228,9 @@ def test_bits_turned_on_the_bus_never_become_readings(start):
 def test_a_scanner_that_goes_away_leaves_a_stale_envelope(start):
     station = start()
     station.check_whole_sweep()
-    station.emulator.order("fault absent")
+    station.scanner.kill()
     station.wait("status", lambda status: status & STALE, seconds=15)
+    assert station.registers["scanner_failure"] == NAK
     assert station.registers["status"] & VALID == 0
     assert station.registers.envelope()["points"] == station.count, "the last envelope stays readable"
 

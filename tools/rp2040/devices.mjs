@@ -27,12 +27,16 @@ class RegisterSource {
         this.got = Buffer.alloc(0);
         this.transaction = 0;
         this.answer = null;
+        this.isClosed = false;
         this.socket.on('data', (data) => this.take(data));
         this.connected = new Promise((resolve, reject) => {
             this.socket.on('connect', resolve);
             this.socket.on('error', reject);
         });
-        this.socket.on('close', () => this.answer?.reject(new Error('the scanner has closed its connection')));
+        this.socket.on('close', () => {
+            this.isClosed = true; // from now on the device does not acknowledge
+            this.answer?.(null);
+        });
     }
 
     take(data) {
@@ -42,11 +46,14 @@ class RegisterSource {
         }
         const pdu = this.got.subarray(7, 6 + this.got.readUInt16BE(4));
         this.got = this.got.subarray(7 + pdu.length);
-        this.answer?.resolve(pdu[0] === READ_HOLDING ? [...pdu.subarray(2, 2 + pdu[1])] : null);
+        this.answer?.(pdu[0] === READ_HOLDING ? [...pdu.subarray(2, 2 + pdu[1])] : null);
         this.answer = null;
     }
 
     read(address, count) {
+        if (this.isClosed) {
+            return Promise.resolve(null);
+        }
         const frame = Buffer.alloc(12);
         this.transaction = (this.transaction + 1) & 0xffff;
         frame.writeUInt16BE(this.transaction, 0);
@@ -56,7 +63,7 @@ class RegisterSource {
         frame.writeUInt16BE(address, 8);
         frame.writeUInt16BE(count, 10);
         this.socket.write(frame);
-        return new Promise((resolve, reject) => (this.answer = { resolve, reject }));
+        return new Promise((resolve) => (this.answer = resolve));
     }
 }
 

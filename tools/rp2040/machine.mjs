@@ -131,11 +131,15 @@ export class Machine {
         this.setAnchor();
         try {
             for (let slices = 1; ; slices++) {
-                const wait = this.step();
-                if (this.frozen !== null) {
+                while (this.frozen !== null) {
                     await this.frozen;
                     this.thaw();
-                } else if (wait > 0) {
+                }
+                const wait = this.step();
+                if (this.frozen !== null) {
+                    continue;
+                }
+                if (wait > 0) {
                     this.flush();
                     await this.pause(wait);
                 } else if (slices % (this.paced ? 4 : YIELD_SLICES) === 0) {
