@@ -157,7 +157,7 @@ $(TEST)/modbus_peer: $(TEST)/gcc64/obj/hosttest/modbus_peer.o $(TEST)/gcc64/libc
 
 # The conformance suite's program (hosttest/firmware/conformance.c) on the ports that run here: docs/conformance.md
 TEST_PROGRAMS += $(TEST)/conformance_linux $(TEST)/conformance_template
-CONFORMANCE := hosttest/firmware/conformance.c port/template/flash.c port/template/i2c.c
+CONFORMANCE := hosttest/firmware/conformance.c port/template/i2c.c
 $(TEST)/conformance_linux: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(CONFORMANCE) hosttest/conformance_linux.c) \
     $(TEST)/gcc64/libport.a $(TEST)/gcc64/libcanopy.a
 	$(Q)gcc $(SANITIZE) $^ $(HOST_LIBS) -o $@

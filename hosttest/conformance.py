@@ -89,7 +89,7 @@ BOARDS = {
     "riscv_virt": Expected(lines=1, sending=False, crashes=RISCV),  # its UART takes no time to send
     "rp2040_pico": Expected(lines=2, i2c=65535, flash=(2, 4096, 256), crashes=CORTEX_M0, console=1, pace=0.3,
                             extra=("--memory", "80", "--flash", "{scratch}/flash", "--keep")),
-    "linux": Expected(lines=2, emulated=False, console=None, sending=False, loses=False, watchdog=False),
+    "linux": Expected(lines=2, emulated=False, console=None, sending=False, loses=False, flash=(2, 4096, 1), watchdog=False),
     "template": Expected(lines=0, emulated=False, console=None, sending=False, loses=False, watchdog=False),
 }
 
@@ -233,7 +233,8 @@ class Process(Running):
         self.ends = [pty.openpty() for _ in range(self.expected.lines)]
         for _, far in self.ends:
             tty.setraw(far)  # what is sent before the port has opened it must not come back
-        environment = {**os.environ, "CANOPY_LINES": " ".join(os.ttyname(far) for _, far in self.ends)}
+        environment = {**os.environ, "CANOPY_LINES": " ".join(os.ttyname(far) for _, far in self.ends),
+                       "CANOPY_FLASH": str(self.scratch / "flash")}
         self.process = subprocess.Popen([str(self.image)], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self.lines, self.console = [Line(near) for near, _ in self.ends], None
         self.orders = self.lines[0] if self.lines else Line(self.process.stdout.fileno(), self.process.stdin.fileno())
@@ -256,13 +257,16 @@ class Keeper:
     """One board runs at a time, and goes on from test to test as long as it answers."""
 
     def __init__(self, scratch):
-        self.scratch, self.running = scratch, None
+        self.scratch, self.running, self.broken = scratch, None, set()
 
     def board(self, name):
+        assert name not in self.broken, "it did not start before"
         if self.running and (self.running.name != name or not self.running.settle()):
             self.stop()
         if not self.running:
+            self.broken.add(name)
             self.running = start(name, self.scratch(name))
+            self.broken.remove(name)
         return self.running
 
     def stop(self):

@@ -1,6 +1,6 @@
-// port/board.h on port/linux, so that the conformance suite runs on a Linux process too: the clock and the serial lines
-// named in CANOPY_LINES, separated by blanks. A Linux port has no I2C and no watchdog behind port/board.h; a crash
-// is the kernel's business.
+// port/board.h on port/linux, so that the conformance suite runs on a Linux process too: the clock, the serial lines
+// named in CANOPY_LINES, separated by blanks, and the file CANOPY_FLASH as flash. A Linux port has no I2C, no watchdog
+// and no interrupts behind port/board.h; a crash is the kernel's business.
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,13 +10,30 @@
 
 #include "port/board.h"
 #include "port/linux/clock.h"
+#include "port/linux/flash_file.h"
 #include "port/linux/serial.h"
-#include "port/template/flash.h"
 #include "port/template/i2c.h"
 
 static struct canopy_linux_serial line[CANOPY_BOARD_LINES];
+static struct canopy_linux_flash_file flash = {.fd = -1};
 
 static void do_not_feed(void *context) { (void)context; }
+
+static void stop(const char *what, const char *wrong) {
+    fprintf(stderr, "%s: %s\n", what, wrong);
+    exit(2);
+}
+
+struct canopy_flash canopy_board_flash(void) {
+    const char *path = getenv("CANOPY_FLASH");
+    const char *wrong = flash.fd >= 0  ? NULL
+                        : path == NULL ? "not given in CANOPY_FLASH"
+                                       : canopy_linux_flash_file_open(&flash, path);
+    if (wrong != NULL) {
+        stop("flash", wrong);
+    }
+    return canopy_linux_flash_file(&flash);
+}
 
 static void open_lines(const uint32_t *baud) {
     const char *names = getenv("CANOPY_LINES");
@@ -29,8 +46,7 @@ static void open_lines(const uint32_t *baud) {
         const char *wrong =
             config.device == NULL ? "not given in CANOPY_LINES" : canopy_linux_serial_open(&line[i], &config);
         if (wrong != NULL) {
-            fprintf(stderr, "line %zu: %s\n", i, wrong);
-            exit(2);
+            stop("line", wrong);
         }
     }
 }
@@ -42,12 +58,10 @@ struct canopy_board canopy_board_start(const uint32_t baud[CANOPY_BOARD_LINES]) 
         .line = {canopy_linux_serial_stream(&line[0]), canopy_linux_serial_stream(&line[1])},
         .line_count = CANOPY_BOARD_LINES,
         .i2c = canopy_no_i2c(),
-        .flash = canopy_no_flash(),
+        .flash = canopy_board_flash(),
         .watchdog = {.feed = do_not_feed},
     };
 }
-
-struct canopy_flash canopy_board_flash(void) { return canopy_no_flash(); }
 
 // Nothing interrupts a process but signals, and there are none.
 uint32_t canopy_board_mask(void) { return 0; }
@@ -87,6 +101,7 @@ void canopy_board_reset(void) {
     for (size_t i = 0; i < CANOPY_BOARD_LINES; i++) {
         canopy_linux_serial_close(&line[i]);
     }
+    canopy_linux_flash_file_close(&flash);
     char name[] = "/proc/self/exe";
     execv(name, (char *[]){name, NULL});
     _exit(1);

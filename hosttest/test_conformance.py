@@ -193,6 +193,7 @@ def test_without_flash_every_call_is_unsupported(board):
     assert board.ask_text("program", 0, 0, 0) == STATUS_UNSUPPORTED
     assert board.ask_text("program", 0, 0, 256) == STATUS_UNSUPPORTED
     assert board.ask_text("read", 0, 0, 16) == STATUS_UNSUPPORTED
+    assert board.ask_text("early").split() == ["0", "0", "0", STATUS_UNSUPPORTED]
 
 
 class Flash:
@@ -208,7 +209,7 @@ class Flash:
         assert self.board.ask("sum", page)[0] == 0, "all bytes are 0xFF"
 
     def program(self, page, offset, length, mark):
-        data = bytes([mark, 0x80 + page]) + bytes(i & 255 for i in range(2, length))
+        data = bytes([mark, 0x80 + page, *(i & 255 for i in range(2, length))])[:length]
         self.model[page][offset:offset + length] = data
         assert self.board.ask_text("program", page, offset, length, data[:2].hex(), seconds=60) == STATUS_OK
 
@@ -239,6 +240,9 @@ def test_flash_keeps_what_is_written_through_reset_and_loss_of_power(board):
     flash.assert_as_modelled()
     board.power_off_and_on()
     flash.assert_as_modelled()
+    early = board.ask_text("early").split()
+    assert [int(word) for word in early[:3]] == [flash.pages, flash.page, flash.unit], "it is there before the start"
+    assert (early[3], bytes.fromhex(early[4])) == (STATUS_OK, flash.model[0][:8])
     flash.erase(0)  # of the others nothing
     flash.assert_as_modelled()
 

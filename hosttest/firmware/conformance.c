@@ -19,6 +19,7 @@ static struct canopy_board board;
 static struct canopy_stream orders;
 static uint8_t out[BYTES], in[BYTES];
 static volatile uint32_t sink;
+static uint32_t nap_us = 1000000;  // at most, while no order comes
 
 __attribute__((weak)) struct canopy_stream conformance_orders(const struct canopy_board *of) { return of->line[0]; }
 
@@ -161,6 +162,29 @@ static void wake(const uint32_t *argument, const char *rest) {
     }
     say_number(now_us() - begin_us);
     say_number(count);
+}
+
+// mask US: after "ready" busy for so long with interrupts masked. Whether one came meanwhile, whether one has at last,
+// whether they were masked when asked again, and whether they were before.
+static void be_masked(const uint32_t *argument, const char *rest) {
+    (void)rest;
+    say("ready\n");
+    while (!orders.sent(orders.context))
+        feed();
+    const uint32_t outer = canopy_board_mask();
+    const uint32_t seen = canopy_board_activity();
+    spin(argument[0]);
+    const bool came = canopy_board_activity() != seen;
+    const uint32_t inner = canopy_board_mask();
+    canopy_board_restore(inner);
+    spin(1000);
+    const bool came_in_between = canopy_board_activity() != seen;
+    canopy_board_restore(outer);
+    spin(1000);
+    say_number(came || came_in_between);
+    say_number(canopy_board_activity() != seen);
+    say_number(inner != 0);
+    say_number(outer != 0);
 }
 
 // ---- Serial lines
@@ -498,6 +522,29 @@ static void sum_page(const uint32_t *argument, const char *rest) {
     say_number(sum);
 }
 
+// early: the flash as it was before the start: its pages, their bytes, its unit, and a read of the first bytes.
+static struct {
+    struct canopy_flash flash;
+    enum canopy_status status;
+    uint8_t bytes[8];
+} before_start;
+
+static void look_before_start(void) {
+    before_start.flash = canopy_board_flash();
+    before_start.status =
+        before_start.flash.read(before_start.flash.context, 0, 0, before_start.bytes, sizeof before_start.bytes);
+}
+
+static void tell_before_start(const uint32_t *argument, const char *rest) {
+    (void)argument;
+    (void)rest;
+    say_number(before_start.flash.page_count);
+    say_number(before_start.flash.page_bytes);
+    say_number(before_start.flash.program_bytes);
+    say_number(before_start.status);
+    say_bytes(before_start.bytes, before_start.status == CANOPY_OK ? sizeof before_start.bytes : 0);
+}
+
 // ---- Crashes
 
 // crash: none, or kind, pc, lr, sp, status, address, count.
@@ -527,6 +574,7 @@ static void forget(const uint32_t *argument, const char *rest) {
 // watch PERIOD_US
 static void watch(const uint32_t *argument, const char *rest) {
     (void)rest;
+    nap_us = argument[0] / 4u;  // in which the next order may come, however late
     say_number(canopy_board_start_watchdog(argument[0]));
 }
 
@@ -588,14 +636,19 @@ static const struct order {
     uint8_t arguments;
     bool of_line;  // the first argument is a line's number
 } ORDERS[] = {
-    {"about", about, 0, false},       {"now", tell_time, 0, false},    {"clock", read_clock, 1, false},
-    {"sleep", sleep_often, 2, false}, {"nap", sleep_once, 1, false},   {"wake", wake, 3, true},
-    {"echo", echo, 3, true},          {"fill", fill, 1, true},         {"duplex", run_duplex, 2, false},
-    {"write", write_all, 2, true},    {"look", look, 1, true},         {"deaf", be_deaf, 3, true},
-    {"serve", serve, 3, true},        {"i2c", transfer, 6, false},     {"bus", poll_i2c, 0, false},
-    {"erase", erase, 1, false},       {"program", program, 3, false},  {"read", read_flash, 3, false},
-    {"sum", sum_page, 1, false},      {"crash", tell_crash, 0, false}, {"forget", forget, 0, false},
-    {"watch", watch, 1, false},       {"put", put, 0, false},          {"reset", reset, 0, false},
+    {"about", about, 0, false},       {"now", tell_time, 0, false},
+    {"clock", read_clock, 1, false},  {"sleep", sleep_often, 2, false},
+    {"nap", sleep_once, 1, false},    {"wake", wake, 3, true},
+    {"echo", echo, 3, true},          {"fill", fill, 1, true},
+    {"duplex", run_duplex, 2, false}, {"write", write_all, 2, true},
+    {"look", look, 1, true},          {"deaf", be_deaf, 3, true},
+    {"serve", serve, 3, true},        {"i2c", transfer, 6, false},
+    {"bus", poll_i2c, 0, false},      {"erase", erase, 1, false},
+    {"program", program, 3, false},   {"read", read_flash, 3, false},
+    {"sum", sum_page, 1, false},      {"crash", tell_crash, 0, false},
+    {"forget", forget, 0, false},     {"early", tell_before_start, 0, false},
+    {"mask", be_masked, 1, false},    {"watch", watch, 1, false},
+    {"put", put, 0, false},           {"reset", reset, 0, false},
     {"fault", fault, 2, false},
 };
 
@@ -631,6 +684,7 @@ static void obey(const char *text) {
 int main(void) {
     static char order[ORDER_LENGTH + 1];
     size_t have = 0;
+    look_before_start();
     board = canopy_board_start((const uint32_t[]){BAUD, BAUD});
     orders = conformance_orders(&board);
     say("started\n");
@@ -647,6 +701,6 @@ int main(void) {
             order[have++] = (char)byte;
         feed();
         if (!came)
-            canopy_board_sleep(UINT64_MAX, seen);
+            canopy_board_sleep(now_us() + nap_us, seen);
     }
 }
