@@ -86,8 +86,9 @@ static void the_polyline_of_lemma_5_1_is_below_the_spline_if_it_breaks_at_the_in
         }
         for (uint32_t t = 0; t < LAST_T; t++) {
             const uint32_t h = t / UNIT_OF_T;
-            const int64_t bends[2] = {canopy_bend(b, LEMMA_N, h), canopy_bend(b, LEMMA_N, h + 1)};
-            assert_true(canopy_bound_exact(b, h, bends[0], bends[1], t % UNIT_OF_T, UNIT_OF_T) == lower_bound(b, t));
+            const int32_t bends[2] = {canopy_bend(b, LEMMA_N, h), canopy_bend(b, LEMMA_N, h + 1)};
+            assert_true(canopy_bound_exact(b, h, bends[0], bends[1], (int32_t)(t % UNIT_OF_T), UNIT_OF_T) ==
+                        lower_bound(b, t));
         }
         for (int tenth = 0; tenth < 10; tenth++) {
             assert_true(is_above_polyline(b, &random, 0.1 * tenth, true));

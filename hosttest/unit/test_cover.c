@@ -382,7 +382,8 @@ static bool is_above(const int32_t *b, uint16_t q, const int32_t *nodes) {
             h--;
             s = q;
         }
-        const int64_t bound = canopy_bound_exact(b, h, canopy_bend(b, N, h), canopy_bend(b, N, h + 1), s, q);
+        const int64_t bound =
+            canopy_bound_exact(b, h, canopy_bend(b, N, h), canopy_bend(b, N, h + 1), (int32_t)s, (int32_t)q);
         if (nodes[k] != CANOPY_NO_HEIGHT && bound < 6 * (int64_t)q * q * q * nodes[k]) {
             return false;
         }

@@ -144,8 +144,8 @@ static int64_t spline_exact(const int32_t *b, int n, int h, int64_t k, int64_t q
 
 static int64_t bound_at(const int32_t *b, int n, int h, int64_t k, int64_t q) {
     const uint32_t at = (uint32_t)h;
-    return canopy_bound_exact(b, at, canopy_bend(b, (uint32_t)n, at), canopy_bend(b, (uint32_t)n, at + 1), (uint32_t)k,
-                              (uint32_t)q);
+    return canopy_bound_exact(b, at, canopy_bend(b, (uint32_t)n, at), canopy_bend(b, (uint32_t)n, at + 1), (int32_t)k,
+                              (int32_t)q);
 }
 
 // Lemma 5.1 with breakpoints at k/4, seen at 1/32: the straight line between neighbouring breakpoints is below f.

@@ -119,8 +119,7 @@ static bool are_within_limit(const struct canopy_frame *frame, const int32_t *b)
 
 void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coefficients) {
     certify->b = are_within_limit(&certify->field->frame, coefficients) ? coefficients : NULL;
-    certify->row = 0;
-    certify->margin = INT32_MAX;
+    canopy_certify_seek(certify, 0);
 }
 
 static inline int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
@@ -180,27 +179,29 @@ static inline bool settle(struct canopy_certify *certify, uint32_t cell, int32_t
 static bool certify_row(struct canopy_certify *certify, uint32_t row) {
     const uint32_t cells = certify->field->axis[1].count;
     const int32_t *low = certify->low, *high = certify->high;
+    int32_t left = least(low[0], high[0]);
     for (uint32_t c = 0; c < cells; c++) {
-        if (!settle(certify, row * cells + c, least(least(low[c], low[c + 1]), least(high[c], high[c + 1])))) {
+        const int32_t right = least(low[c + 1], high[c + 1]);
+        if (!settle(certify, row * cells + c, least(left, right))) {
             return false;
         }
+        left = right;
     }
     return true;
 }
 
 enum canopy_status canopy_certify_step(struct canopy_certify *certify, uint32_t rows) {
     const uint32_t all = certify->field->axis[0].count;
-    bool have_low = false;
     if (certify->b == NULL) {
         return CANOPY_RANGE;
     }
     for (; rows > 0 && certify->row < all; rows--) {
-        if (!have_low) {
+        if (!certify->have_low) {
             bound_row(certify, certify->row, certify->low);
-            have_low = true;
         }
         bound_row(certify, certify->row + 1, certify->high);
-        if (!certify_row(certify, certify->row)) {
+        certify->have_low = certify_row(certify, certify->row);
+        if (!certify->have_low) {  // coefficients will be raised
             return CANOPY_NOT_SAFE;
         }
         certify->row++;

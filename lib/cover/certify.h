@@ -33,7 +33,7 @@
 #define CANOPY_CERTIFY_TABLES(cu, cv) (CANOPY_CERTIFY_TABLE(cu) + ((cu) != (cv) ? CANOPY_CERTIFY_TABLE(cv) : 0U))
 #define CANOPY_CERTIFY_TABLE(q)                                                                                        \
     (CANOPY_ARENA_ROUND(12U * ((size_t)(q) + 1U)) + CANOPY_ARENA_ROUND(12U * CANOPY_BEZIER_LATTICE((size_t)(q))))
-/// … and what a step writes and nobody reads after it.
+/// … and what a step writes and the next one reads.
 #define CANOPY_CERTIFY_WORK(n, cv)                                                                                     \
     (CANOPY_ARENA_ROUND(4U * (size_t)(n)) + 2U * CANOPY_ARENA_ROUND(4U * CANOPY_LINE_NODES(n, cv)))
 
@@ -45,6 +45,7 @@ struct canopy_certify {
     int32_t *weights[2];   // Q30 tables of u and v: s, (1-s)^3/6 and s^3/6 rounded up
     int32_t *lattice[2];   // tables of canopy_bezier_weights of u and v
     uint32_t row;          // next row of cells
+    bool have_low;         // `low` is of this row
     int32_t margin;        ///< least bound minus height so far
     uint32_t failed_cell;  ///< after CANOPY_NOT_SAFE: the first cell whose bound is too low …
     int32_t missing;       ///< … and by how much
@@ -55,8 +56,8 @@ struct canopy_certify {
 enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
                                        size_t bytes);
 
-/// The same in two pieces of CANOPY_CERTIFY_TABLES and CANOPY_CERTIFY_WORK bytes, aligned to 8: between calls others
-/// may use the second. CANOPY_ARGUMENT: the field is not exact.
+/// The same in two pieces of CANOPY_CERTIFY_TABLES and CANOPY_CERTIFY_WORK bytes, aligned to 8: others may use the second
+/// from the end of one certificate to the beginning of the next. CANOPY_ARGUMENT: the field is not exact.
 enum canopy_status canopy_certify_init_apart(struct canopy_certify *certify, const struct canopy_field *field,
                                              void *tables, void *work);
 
@@ -68,6 +69,7 @@ void canopy_certify_begin(struct canopy_certify *certify, const int32_t *coeffic
 /// more at a time.
 static inline void canopy_certify_seek(struct canopy_certify *certify, uint32_t row) {
     certify->row = row;
+    certify->have_low = false;
     certify->margin = INT32_MAX;
 }
 

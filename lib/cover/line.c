@@ -53,17 +53,17 @@ uint16_t canopy_line_hull(const int32_t *nodes, uint16_t n, uint16_t q, uint16_t
 
 int32_t canopy_line_lift(int32_t *b, uint16_t n, uint16_t q, const int32_t *nodes, const uint16_t *vertices,
                          uint16_t count) {
-    const int64_t one = 6 * (int64_t)q * q * q;  // everything below is exact, in units of 1/(6 q^3)
+    const int32_t one = 6 * q * q * q;  // everything below is exact, in units of 1/(6 q^3)
     int32_t most = 0;
     uint16_t at = 0;
     for (uint16_t h = 0; h + 1 < n; h++) {
         const uint16_t end =
             (uint16_t)((h + 1) * q + (h + 2 == n));  // a knot's node belongs to the interval on its right
-        int64_t left = canopy_bend(b, n, h), right = canopy_bend(b, n, h + 1U);
+        int32_t left = canopy_bend(b, n, h), right = canopy_bend(b, n, h + 1U);
         for (; at < count && vertices[at] < end; at++) {
             const int k = vertices[at] - h * q;
-            const int64_t bound = canopy_bound_exact(b, h, left, right, (uint32_t)k, q);
-            const int64_t missing = one * nodes[vertices[at]] - bound;
+            const int64_t bound = canopy_bound_exact(b, h, left, right, k, q);
+            const int64_t missing = canopy_wide(one, nodes[vertices[at]]) - bound;
             if (missing > 0) {
                 const int32_t by = (int32_t)canopy_div_up((uint64_t)missing, (uint64_t)one);
                 raise(b, n, h - (k < q), h + 1 + (k > 0), by);

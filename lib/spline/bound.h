@@ -11,19 +11,22 @@
 
 #include <stdint.h>
 
-/// min(D[i], 0), exact.
-static inline int64_t canopy_bend(const int32_t *b, uint32_t n, uint32_t i) {
+#include "lib/num/product.h"
+
+/// min(D[i], 0), exact for |b| <= 2^28.
+static inline int32_t canopy_bend(const int32_t *b, uint32_t n, uint32_t i) {
     const int32_t before = b[i > 0 ? i - 1 : 0], after = b[i + 1 < n ? i + 1 : i];
-    const int64_t second = (int64_t)before - 2 * (int64_t)b[i] + after;
+    const int32_t second = before - 2 * b[i] + after;
     return second < 0 ? second : 0;
 }
 
 /// l at h + k/q, exact, in units of 1/(6 q^3): for |b| <= 2^28 and q <= 32 it has at most 48 bits.
 /// `left` and `right` are canopy_bend of h and of h + 1.
-static inline int64_t canopy_bound_exact(const int32_t *b, uint32_t h, int64_t left, int64_t right, uint32_t k,
-                                         uint32_t q) {
-    const int64_t r = (int64_t)q - k, s = k, straight = 6 * (int64_t)q * q;
-    return straight * (r * b[h] + s * b[h + 1]) + r * r * r * left + s * s * s * right;
+static inline int64_t canopy_bound_exact(const int32_t *b, uint32_t h, int32_t left, int32_t right, int32_t k,
+                                         int32_t q) {
+    const int32_t r = q - k, s = k, straight = 6 * q * q;
+    return canopy_wide(straight * r, b[h]) + canopy_wide(straight * s, b[h + 1]) + canopy_wide(r * r * r, left) +
+           canopy_wide(s * s * s, right);
 }
 
 #endif
