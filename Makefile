@@ -206,13 +206,14 @@ $(call compile,$(BUILD)/$(1),$(BOARD_CROSS)gcc,-Iboards/$(1) $(BOARD_CPU) $(BOAR
 $$($(1)_FIRMWARE): $(wildcard linker/*.ld) boards/$(1)/board.mk
 $(BUILD)/$(1)/canopy.elf: $(BUILD)/$(1)/obj/boards/$(1)/main.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
 	$$(call image,$(1),$(BOARD_STACK))
-# the station for another grid: canopy-10x10.elf
+# the station for another grid: canopy-10x10.elf, and with another Q than 4: canopy-10x10x2.elf
 $(BUILD)/$(1)/canopy-%.elf: $(BUILD)/$(1)/obj/boards/$(1)/main-%.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
 	$$(call image,$(1),$(BOARD_STACK))
 $(BUILD)/$(1)/obj/boards/$(1)/main-%.o: boards/$(1)/main.c | setup-$(BOARD_SETUP) $(GENERATED)
 	@mkdir -p $$(@D)
 	$$(Q)$(BOARD_CROSS)gcc $(CFLAGS_ALL) -Iboards/$(1) $(BOARD_CPU) $(BOARD_SPECS) $(BOARD_OPTIMISE) $(FW_FLAGS) \
-	    -DSTATION_GRID_M=$$(word 1,$$(subst x, ,$$*)) -DSTATION_GRID_N=$$(word 2,$$(subst x, ,$$*)) -c $$< -o $$@
+	    -DSTATION_GRID_M=$$(word 1,$$(subst x, ,$$*)) -DSTATION_GRID_N=$$(word 2,$$(subst x, ,$$*)) \
+	    $$(addprefix -DSTATION_CELLS=,$$(word 3,$$(subst x, ,$$*))) -c $$< -o $$@
 $$($(1)_UNITS): $(BUILD)/$(1)/unit_%.elf: $(BUILD)/$(1)/obj/hosttest/unit/test_%.o \
     $(BUILD)/$(1)/obj/hosttest/unit/run_firmware.o $$($(1)_PARTS) $(BUILD)/$(1)/libcanopy.a
 	$$(call image,$(1),16384)

@@ -197,9 +197,12 @@ def markdown(table):
     boards = list(dict.fromkeys(key[0] for key in table.rows))
     value = lambda board, image, quantity: short(table.rows.get((board, image, quantity), (0, None))[1], quantity)  # noqa: E731
     rows = [["board", *(f"{title}, {grid}" for grid in ("20 × 20", "10 × 10") for title, _ in SHOWN[:3]), "boot"]]
-    rows += [[NAMES.get(board, f"`{board}`"),
-              *(value(board, image, quantity) for image in ("canopy", "canopy-10x10") for _, quantity in SHOWN[:3]),
-              value(board, "canopy", "boot")] for board in boards if (board, "canopy", "flash") in table.rows]
+    for board in boards:
+        name = NAMES.get(board, f"`{board}`")
+        for images, name in ((("canopy", "canopy-10x10"), name), ((None, "canopy-10x10x2"), "… with Q = 2")):
+            if (board, images[1], "flash") in table.rows:
+                rows.append([name, *(value(board, image, quantity) for image in images for _, quantity in SHOWN[:3]),
+                             value(board, images[0] or images[1], "boot")])
     counts = [["instructions", *(title for title, _ in COUNTED)]]
     for board in boards:
         cells = [next((value(board, image, quantity) for image in ("cycles", "tight")

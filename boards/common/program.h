@@ -31,9 +31,12 @@
 #define STATION_GRID_M 20
 #define STATION_GRID_N 20
 #endif
-#define CANOPY_PROGRAM_CELLS 4   ///< field cells a knot interval
-#define CANOPY_PROGRAM_LINES 1   ///< lines a knot interval
-#define CANOPY_PROGRAM_BITS 10U  ///< of a character: 8N1, as port/board.h says
+#ifndef STATION_CELLS  // … and canopy-<M>x<N>x<Q>.elf this
+#define STATION_CELLS 4
+#endif
+#define CANOPY_PROGRAM_CELLS STATION_CELLS  ///< Q, field cells a knot interval
+#define CANOPY_PROGRAM_LINES 1              ///< lines a knot interval
+#define CANOPY_PROGRAM_BITS 10U             ///< of a character: 8N1, as port/board.h says
 
 /// Bytes of the device's arena: profiles of up to `columns` readings of `words` registers.
 #define CANOPY_PROGRAM_ARENA(columns, words)                                                                           \
