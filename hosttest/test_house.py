@@ -56,7 +56,7 @@ def build(scratch, kind, text):
         objects = [str(path) for folder in ("port", "boards") for path in (BUILD / "mps2_an385/obj" / folder).rglob("*.o")
                    if not path.name.startswith("main")]
         command = ["arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb", "-nostartfiles", "--specs=nano.specs",
-                   f"-L{ROOT}/linker", f"-T{ROOT}/linker/mps2_an385.ld", "-Wl,--gc-sections",
+                   f"-L{ROOT}/linker", f"-T{ROOT}/linker/mps2.ld", "-Wl,--gc-sections",
                    "-Wl,--defsym=canopy_stack_size=4096", *objects]
     else:
         command = ["gcc"] + (["-m32"] if kind == "plain" else [])
@@ -150,7 +150,7 @@ def stack_of(scratch, defines, table):
     subprocess.run(["arm-none-eabi-gcc", *flags, *defines, "-c", str(source), "-o", str(scratch / "obj/calls.o")], check=True,
                    cwd=scratch)
     subprocess.run(["arm-none-eabi-gcc", *flags, "-nostartfiles", "--specs=nano.specs", f"-L{ROOT}/linker",
-                    f"-T{ROOT}/linker/mps2_an385.ld", "-Wl,--gc-sections", "-Wl,--defsym=canopy_stack_size=1024",
+                    f"-T{ROOT}/linker/mps2.ld", "-Wl,--gc-sections", "-Wl,--defsym=canopy_stack_size=1024",
                     f"-Wl,-Map={scratch}/calls.map", str(scratch / "obj/calls.o"), *objects, "-o", str(image)], check=True)
     return subprocess.run(["/usr/bin/python3", ROOT / "tools/stack.py", "--calls", scratch / "table.txt", "--json",
                            scratch / "stack.json", image], capture_output=True, text=True, cwd=ROOT)

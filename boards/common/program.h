@@ -37,6 +37,8 @@
 #define CANOPY_PROGRAM_CELLS STATION_CELLS  ///< Q, field cells a knot interval
 #define CANOPY_PROGRAM_LINES 1              ///< lines a knot interval
 #define CANOPY_PROGRAM_BITS 10U             ///< of a character: 8N1, as port/board.h says
+#define CANOPY_PROGRAM_COLUMNS 512          ///< readings a profile of a scanner, at most
+#define CANOPY_PROGRAM_WORDS 1              ///< registers a height of the generic scanner
 
 /// Bytes of the device's arena: profiles of up to `columns` readings of `words` registers.
 #define CANOPY_PROGRAM_ARENA(columns, words)                                                                           \

@@ -6,9 +6,6 @@
 #include "lib/scan/generic.h"
 #include "lib/station/rtu_link.h"
 
-#define CANOPY_PROGRAM_COLUMNS 512  ///< readings a profile of it, at most
-#define CANOPY_PROGRAM_WORDS 1      ///< registers a height
-
 /// Configures the device's scanner; `link`, the main's, reaches it over `line`. False: the settings are none for it.
 static inline bool canopy_program_rtu_scanner(struct canopy_device_config *to, struct canopy_rtu_link *link,
                                               const struct canopy_board *board, const struct canopy_settings *settings,

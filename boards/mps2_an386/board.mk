@@ -6,7 +6,7 @@ BOARD_SPECS := --specs=nano.specs
 # Memory is plenty: speed it is
 BOARD_OPTIMISE := -O3
 BOARD_PORTS := mps2 cortexm template
-BOARD_CHIP := mps2_an386
+BOARD_CHIP := mps2
 BOARD_STACK := 4096
 BOARD_GRIDS := 10x10
 # Of hosttest/firmware

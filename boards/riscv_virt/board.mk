@@ -3,8 +3,7 @@ BOARD_SETUP := riscv
 BOARD_CROSS := riscv64-unknown-elf-
 # The older specification: with rv32imac_zicsr, as the newer one calls it, the compiler picks a libgcc of 64 bits.
 BOARD_CPU := -march=rv32imac -mabi=ilp32 -misa-spec=2.2
-# The build of the C library that sets and copies memory by words: the small one takes four instructions a byte.
-BOARD_SPECS := --specs=picolibc.specs --picolibc-buildtype=release
+BOARD_SPECS := --specs=picolibc.specs
 BOARD_PORTS := riscv template
 BOARD_CHIP := riscv_virt
 BOARD_STACK := 2048

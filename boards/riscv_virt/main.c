@@ -3,9 +3,8 @@
 #include "boards/riscv_virt/sweep.h"
 
 #define PLC_LINE 0
-#define WORDS 1  // registers a height of the generic scanner
 
-static CANOPY_ARENA_DECLARE(arena, CANOPY_PROGRAM_ARENA(CANOPY_SWEEP_COLUMNS, WORDS));
+static CANOPY_ARENA_DECLARE(arena, CANOPY_PROGRAM_ARENA(CANOPY_SWEEP_COLUMNS, CANOPY_PROGRAM_WORDS));
 static struct canopy_device device;
 static struct canopy_sweep sweep;
 

@@ -4,11 +4,9 @@
 #include "lib/scan/i2c_link.h"
 
 #define PLC_LINE 0
-#define COLUMNS 512        // readings a profile, at most
-#define WORDS 1            // registers a height of the generic scanner
 #define TRANSFER_US 50000  // the longest takes 6 ms, and the scanner may hold the clock for some
 
-static CANOPY_ARENA_DECLARE(arena, CANOPY_PROGRAM_ARENA(COLUMNS, WORDS));
+static CANOPY_ARENA_DECLARE(arena, CANOPY_PROGRAM_ARENA(CANOPY_PROGRAM_COLUMNS, CANOPY_PROGRAM_WORDS));
 static struct canopy_device device;
 static struct canopy_i2c_link scanner;
 
@@ -20,7 +18,7 @@ int main(void) {
     canopy_program_configure(&config, &board, &settings, PLC_LINE);
     config.scanner = (struct canopy_device_scanner){.link = canopy_i2c_link(&scanner),
                                                     .table = &canopy_profile_generic,
-                                                    .columns = COLUMNS,
+                                                    .columns = CANOPY_PROGRAM_COLUMNS,
                                                     .unit = (uint8_t)settings.scanner_i2c};
     if (canopy_i2c_link_init(&scanner, &board.i2c, &canopy_profile_generic, TRANSFER_US) != CANOPY_OK ||
         canopy_device_init(&device, &config, arena, sizeof arena) != CANOPY_OK)

@@ -16,7 +16,7 @@
 #define IN_RAM
 #endif
 
-// From exit_xip to enter_xip nothing may touch the flash: hosttest/test_rp2040_image.py looks for what would.
+// From exit_xip to enter_xip nothing may touch the flash: hosttest/test_uf2.py looks for what would.
 IN_RAM static void write_flash(const struct canopy_rp2040_flash *flash, uint32_t offset, bool erase) {
     flash->steps.connect();
     flash->steps.exit_xip();
