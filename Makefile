@@ -243,6 +243,8 @@ all-firmware: $(ALL_FIRMWARE)  ## images for every board
 
 # The RP2040's emulator comes from npm, into $(BUILD) and nowhere else
 NODE := $(BUILD)/node/node_modules/.package-lock.json
+.PHONY: node
+node: $(NODE)  ## what the RP2040's emulator needs from npm, into build/node
 $(NODE): tools/rp2040/package.json tools/rp2040/package-lock.json | setup-node
 	@mkdir -p $(@D)
 	@cp $^ $(BUILD)/node

@@ -9,7 +9,7 @@ const place = path.resolve(process.env.CANOPY_NODE ?? path.join(root, 'build', '
 const modules = path.join(place, 'node_modules', 'rp2040js', 'dist', 'esm');
 
 if (!existsSync(modules)) {
-    process.stderr.write(`rp2040: ${modules} is not there: make setup-emulator build/node, or set CANOPY_NODE\n`);
+    process.stderr.write(`rp2040: ${modules} is not there: make node, or set CANOPY_NODE\n`);
     process.exit(2);
 }
 
