@@ -51,6 +51,7 @@ HOST_LIBS := -Wl,--as-needed -lmodbus -lgmp -ljansson -llzf -lm -pthread
 # ---------------------------------------------------------------------------------------------------------------------
 # What must be installed: checked quickly before anything of its kind is built, installed only when missing.
 
+NODE := $(BUILD)/node/node_modules/.package-lock.json# of the RP2040's emulator: `make node`
 SETUP_GROUPS := host test firmware riscv emulator node demo python lint coverage fuzz bench
 .PHONY: $(addprefix setup-,$(SETUP_GROUPS))
 $(addprefix setup-,$(SETUP_GROUPS)): setup-%:
@@ -242,7 +243,6 @@ firmware: $(FIRMWARE)  ## images for BOARD (default mps2_an385): build/<board>/*
 all-firmware: $(ALL_FIRMWARE)  ## images for every board
 
 # The RP2040's emulator comes from npm, into $(BUILD) and nowhere else
-NODE := $(BUILD)/node/node_modules/.package-lock.json
 .PHONY: node
 node: $(NODE)  ## what the RP2040's emulator needs from npm, into build/node
 $(NODE): tools/rp2040/package.json tools/rp2040/package-lock.json | setup-node
