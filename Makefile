@@ -3,8 +3,9 @@
 
 BUILD ?= build
 BOARD ?= mps2_an385
-ifeq (,$(wildcard boards/$(BOARD)/board.h boards/$(BOARD)/main.c))
-$(error BOARD=$(BOARD) is no board: give one of $(notdir $(patsubst %/,%,$(filter-out boards/common/,$(wildcard boards/*/)))))
+BOARDS := $(sort $(notdir $(patsubst %/,%,$(filter-out boards/common/,$(wildcard boards/*/)))))
+ifeq (,$(filter $(BOARD),$(BOARDS)))
+$(error BOARD=$(BOARD) is no board: give one of $(BOARDS))
 endif
 SECONDS ?= 60
 PYTHON := /usr/bin/python3# Debian's own, which has the packages that tools/setup installs
@@ -62,7 +63,8 @@ $(addprefix setup-,$(SETUP_GROUPS)): setup-%:
 
 .PHONY: help
 help:  ## print this list
-	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## /{printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## /{printf "make %-12s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+	@echo "BOARD=x: $(BOARDS)"
 
 # The register map: C tables, JSON, CSV and page from one table. docs/registers.md is the page, kept in the tree; a test
 # says when it is out of date (tools/registers.py --page docs/registers.md).
@@ -168,7 +170,7 @@ $(TEST)/conformance_template: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(sort $(CONF
 
 .PHONY: test-programs test
 test-programs: $(TEST_PROGRAMS)
-test: test-programs tools all-firmware $(NODE) | setup-python setup-emulator  ## every test: host variants, Python, firmware in QEMU
+test: test-programs tools all-firmware $(NODE) | setup-python setup-emulator  ## every test: host variants, Python, firmware in its emulators
 	@BUILD=$(BUILD) hosttest/run
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -238,7 +240,7 @@ MEASURED_BOARDS := $(if $(filter command line environment,$(origin BOARD)),$(fil
 MEASURED := $(foreach board,$(MEASURED_BOARDS),$($(board)_STATIONS))
 
 .PHONY: firmware all-firmware
-firmware: $(FIRMWARE)  ## images for BOARD (default mps2_an385): build/<board>/*.elf
+firmware: $(FIRMWARE)  ## images for BOARD=x (default mps2_an385): build/<board>/*.elf
 	$(if $(FIRMWARE),,@echo "firmware: BOARD=$(BOARD) has none")
 all-firmware: $(ALL_FIRMWARE)  ## images for every board
 
@@ -270,7 +272,7 @@ boards:  ## the README's table of boards, from tools/budget.csv
 # Whole runs: scripts of tools/ that take what has been built
 
 .PHONY: demo pictures bench
-demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) $(if $(filter rp2040_pico,$(BOARD)),$(NODE)) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: SCENE=file BOARD=linux
+demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) $(if $(filter rp2040_pico,$(BOARD)),$(NODE)) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: BOARD=x SCENE=file
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
 pictures: tools | setup-demo  ## draw the README's pictures anew: build/pictures/*.png; docs/pictures has copies
 	@BUILD=$(BUILD) tools/readme_pictures.sh $(BUILD)/pictures
