@@ -33,34 +33,42 @@ def test_sleep_ends_when_it_is_due(board):
         assert least <= 500, "the host's timers are not better, but as good as that"
 
 
+def best(slept, bound_us, tries=4):
+    """Whether a sleep is short in one of some tries: a busy host makes it longer, nothing makes it shorter."""
+    return any(slept() < bound_us for _ in range(tries))
+
+
 @on(lambda expected: expected.lines)
 def test_a_sleep_lasts_a_tenth_of_a_second_at_most(board):
     board.ask("nap", 1000)  # what the answer before has left behind is over
-    assert max(board.ask("nap", 10000000)[0] for _ in range(2)) <= 150000
+    assert best(lambda: board.ask("nap", 10000000)[0], 110000)
+
+
+def sleep_until_a_byte(board, number, busy_us):
+    """A byte comes 20 ms after it is ready: how long it sleeps of 90 ms."""
+    board.tell("wake", number, busy_us, 90000)
+    assert board.orders.take_line() == "ready"
+    time.sleep(0.02)
+    board.lines[number].send(b"!")
+    slept_us, count = board.numbers()
+    if count == 0 and number == 0:  # the host was late: it is taken for an order
+        assert board.ask_text("") == "no such order"
+    elif count == 0:
+        board.wait(20000)
+        board.ask("look", number)
+    return slept_us
 
 
 @on(lambda expected: expected.lines)
 def test_a_byte_ends_the_sleep(board):
-    for number, line in enumerate(board.lines):
-        board.tell("wake", number, 0, 90000)
-        assert board.orders.take_line() == "ready"
-        time.sleep(0.03)
-        line.send(b"!")
-        slept_us, count = board.numbers()
-        assert count == 1
-        assert slept_us < 80000
+    for number in range(len(board.lines)):
+        assert best(lambda number=number: sleep_until_a_byte(board, number, 0), 60000)
 
 
 @on(lambda expected: expected.lines)
 def test_a_byte_that_came_before_the_sleep_prevents_it(board):
-    for number, line in enumerate(board.lines):
-        board.tell("wake", number, 80000, 90000)
-        assert board.orders.take_line() == "ready"
-        time.sleep(0.02)  # it has looked what interrupts there were, and is busy
-        line.send(b"!")
-        slept_us, count = board.numbers()
-        assert count == 1
-        assert slept_us < 20000
+    for number in range(len(board.lines)):
+        assert best(lambda number=number: sleep_until_a_byte(board, number, 80000), 20000)
 
 
 @on(lambda expected: expected.emulated)
