@@ -308,7 +308,7 @@ static void find_means(uint16_t cells, float mean[CANOPY_CELLS_MAX][4]) {
 static bool weigh_row(const struct canopy_tighten *t, uint32_t at, const float v[CANOPY_CELLS_MAX][4], float row[4],
                       struct canopy_tighten_sum *sum) {
     bool any = false;
-    for (uint16_t l = 0; l < t->field->axis[1].cells; l++) {
+    for (uint16_t l = 0; l < t->size.cells[1]; l++) {
         const int32_t height = canopy_field_height(t->field, at + l);
         if (height != CANOPY_NO_HEIGHT) {
             any = true;
@@ -326,7 +326,7 @@ static void weigh_cell(struct canopy_tighten *t, uint32_t cell, const float u[CA
                        const float v[CANOPY_CELLS_MAX][4], struct canopy_tighten_sum *heights) {
     const struct canopy_field *field = t->field;
     const uint32_t across = t->frame.size[1] - 1U, columns = field->axis[1].count;
-    const uint32_t cu = field->axis[0].cells, cv = field->axis[1].cells;
+    const uint32_t cu = t->size.cells[0], cv = t->size.cells[1];
     uint32_t from = cell / across * cu * columns + cell % across * cv;
     float sum[4][4] = {{0}};
     t->live[cell] = 0;
