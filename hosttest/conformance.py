@@ -87,7 +87,7 @@ BOARDS = {
     "mps2_an386": MPS2,
     "mps2_an500": MPS2,
     "riscv_virt": Expected(lines=1, sending=False, crashes=RISCV),  # its UART takes no time to send
-    "rp2040_pico": Expected(lines=2, i2c=65535, flash=(2, 4096, 256), crashes=CORTEX_M0, console=1, pace=0.3,
+    "rp2040_pico": Expected(lines=2, i2c=65535, flash=(2, 4096, 256), crashes=CORTEX_M0, console=1, pace=0.3, exact=5,
                             extra=("--memory", "80", "--flash", "{scratch}/flash", "--keep")),
     "linux": Expected(lines=2, emulated=False, console=None, sending=False, loses=False, flash=(2, 4096, 1), watchdog=False),
     "template": Expected(lines=0, emulated=False, console=None, sending=False, loses=False, watchdog=False),
