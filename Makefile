@@ -164,8 +164,8 @@ CONFORMANCE := hosttest/firmware/conformance.c port/template/i2c.c
 $(TEST)/conformance_linux: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(CONFORMANCE) hosttest/conformance_linux.c) \
     $(TEST)/gcc64/libport.a $(TEST)/gcc64/libcanopy.a
 	$(Q)gcc $(SANITIZE) $^ $(HOST_LIBS) -o $@
-$(TEST)/conformance_template: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(sort $(CONFORMANCE) port/common/crash_record.c $(wildcard port/template/*.c)) \
-    hosttest/conformance_stdio.c) $(TEST)/gcc64/libcanopy.a
+$(TEST)/conformance_template: $(patsubst %.c,$(TEST)/gcc64/obj/%.o,$(sort $(CONFORMANCE) port/common/crash_record.c \
+    $(wildcard port/template/*.c)) hosttest/conformance_stdio.c) $(TEST)/gcc64/libcanopy.a
 	$(Q)gcc $(SANITIZE) $^ -o $@
 
 .PHONY: test-programs test
@@ -198,7 +198,8 @@ define board_rules
 $(1)_LINK := $(BOARD_CROSS)gcc $(BOARD_CPU) $(BOARD_SPECS) $(FW_LINK) -Tlinker/$(BOARD_CHIP).ld
 $(1)_SETUP := setup-$(BOARD_SETUP)
 $(1)_FINISH := $(BOARD_FINISH)
-$(1)_PARTS := $(patsubst %.c,$(BUILD)/$(1)/obj/%.o,$(sort $(filter-out boards/$(1)/main.c,$(wildcard boards/common/*.c boards/$(1)/*.c)) \
+$(1)_PARTS := $(patsubst %.c,$(BUILD)/$(1)/obj/%.o,$(sort \
+    $(filter-out boards/$(1)/main.c,$(wildcard boards/common/*.c boards/$(1)/*.c)) \
     $(foreach p,common $(BOARD_PORTS),$(filter-out $(call other_board,$(p)),$(wildcard port/$(p)/*.c)))))
 $(1)_STATIONS := $(patsubst %,$(BUILD)/$(1)/%.elf,$(if $(wildcard boards/$(1)/main.c),canopy $(BOARD_GRIDS:%=canopy-%)))
 $(1)_UNITS := $(BOARD_UNITS:%=$(BUILD)/$(1)/%.elf)
@@ -236,7 +237,8 @@ $(foreach board,$(FIRMWARE_BOARDS),$(eval $(call read_board,$(board))))
 FIRMWARE := $($(BOARD)_FIRMWARE)
 ALL_FIRMWARE := $(foreach board,$(FIRMWARE_BOARDS),$($(board)_FIRMWARE))
 # What is measured is measured of every board, unless one is asked for
-MEASURED_BOARDS := $(if $(filter command line environment,$(origin BOARD)),$(filter $(BOARD),$(FIRMWARE_BOARDS)),$(FIRMWARE_BOARDS))
+BOARD_IS_GIVEN := $(filter command line environment,$(origin BOARD))
+MEASURED_BOARDS := $(if $(BOARD_IS_GIVEN),$(filter $(BOARD),$(FIRMWARE_BOARDS)),$(FIRMWARE_BOARDS))
 MEASURED := $(foreach board,$(MEASURED_BOARDS),$($(board)_STATIONS))
 
 .PHONY: firmware all-firmware
@@ -263,8 +265,12 @@ size: $(MEASURED)  ## flash and RAM of the stations, all boards or BOARD=x; DETA
 stack: $(MEASURED)  ## their worst-case stack, from the call graph; DETAILS=1: the deepest paths
 	@$(if $(DETAILS),$(PYTHON) tools/stack.py --calls tools/calls.txt $(MEASURED))
 	@$(call BUDGET,stack)
-cycles: $(MEASURED) $(PROGRAMS_COUNTED) $(if $(filter rp2040_pico,$(MEASURED_BOARDS)),$(NODE)) | setup-emulator  ## instructions, counted in each board's emulator
+cycles: $(MEASURED) $(PROGRAMS_COUNTED) | setup-emulator  ## instructions, counted in each board's emulator
 	@$(call BUDGET,cycles)
+cycles: $(if $(filter rp2040_pico,$(MEASURED_BOARDS)),$(NODE))
+# Those that are asked for together go one after the other: each may write the table.
+stack: | $(filter size,$(MAKECMDGOALS))
+cycles: | $(filter size stack,$(MAKECMDGOALS))
 boards:  ## the README's table of boards, from tools/budget.csv
 	@$(PYTHON) tools/budget.py boards
 
@@ -272,11 +278,13 @@ boards:  ## the README's table of boards, from tools/budget.csv
 # Whole runs: scripts of tools/ that take what has been built
 
 .PHONY: demo pictures bench
-demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) $(if $(filter rp2040_pico,$(BOARD)),$(NODE)) | setup-demo  ## sweep a scene into the device and read the envelope as a PLC does: BOARD=x SCENE=file
+demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) $(if $(filter rp2040_pico,$(BOARD)),$(NODE)) | setup-demo
+demo:  ## sweep a scene into the device and read the envelope as a PLC does: BOARD=x SCENE=file
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
 pictures: tools | setup-demo  ## draw the README's pictures anew: build/pictures/*.png; docs/pictures has copies
 	@BUILD=$(BUILD) tools/readme_pictures.sh $(BUILD)/pictures
-bench: $(HOST)/canopy-bench $(HOST)/canopy-tightness $(HOST)/canopy-bench-alglib $(HOST)/canopy-bench-alphawrap $(mps2_an385_STATIONS) $(mps2_an385_OTHERS) | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
+bench: $(addprefix $(HOST)/canopy-,bench tightness bench-alglib bench-alphawrap) $(mps2_an385_STATIONS) $(mps2_an385_OTHERS)
+bench: | setup-python setup-bench setup-emulator  ## compare with peers in one run: build/bench.json
 	@BUILD=$(BUILD) $(PYTHON) tools/bench/bench.py $(BENCH)
 
 # ---------------------------------------------------------------------------------------------------------------------
