@@ -56,8 +56,8 @@ struct canopy_certify {
 enum canopy_status canopy_certify_init(struct canopy_certify *certify, const struct canopy_field *field, void *arena,
                                        size_t bytes);
 
-/// The same in two pieces of CANOPY_CERTIFY_TABLES and CANOPY_CERTIFY_WORK bytes, aligned to 8: others may use the second
-/// from the end of one certificate to the beginning of the next. CANOPY_ARGUMENT: the field is not exact.
+/// The same in two pieces of CANOPY_CERTIFY_TABLES and CANOPY_CERTIFY_WORK bytes, aligned to 8: others may use the
+/// second from the end of one certificate to the beginning of the next. CANOPY_ARGUMENT: the field is not exact.
 enum canopy_status canopy_certify_init_apart(struct canopy_certify *certify, const struct canopy_field *field,
                                              void *tables, void *work);
 
