@@ -16,7 +16,9 @@ static bool has_crash;
 
 const struct canopy_crash *canopy_board_last_crash(void) { return has_crash ? &kept : NULL; }
 void canopy_crash_keep(const struct canopy_crash *crash) {
+    const uint32_t count = has_crash ? kept.count : 0;
     kept = *crash;
+    kept.count = count + 1;
     has_crash = true;
 }
 
@@ -130,26 +132,33 @@ static void test_fed_it_is_silent_and_unfed_it_warns(void **state) {
     assert_false(chip.bitten);
 }
 
+// A record of earlier stays until the power goes: it must not hide that the watchdog has bitten since, unrecorded.
 static void test_what_the_next_start_knows(void **state) {
     (void)state;
+    const struct canopy_crash hard = {.kind = CANOPY_CRASH_HARD};
     for (int started = 0; started < 2; started++)
         for (uint32_t reason = 0; reason < 4; reason++)
-            for (int recorded = 0; recorded < 2; recorded++) {
-                power_on();
-                if (started != 0)
-                    assert_true(canopy_rp2040_watchdog_start(1000000));
-                has_crash = recorded != 0;
-                kept.kind = CANOPY_CRASH_HARD;
-                chip.dog_reason = reason;
-                canopy_rp2040_watchdog_look_back();
-                const bool bitten = started != 0 && (reason & 1u) != 0;
-                assert_int_equal(has_crash, recorded != 0 || bitten);
-                if (has_crash)
-                    assert_int_equal(kept.kind, recorded != 0 ? CANOPY_CRASH_HARD : CANOPY_CRASH_WATCHDOG);
-                has_crash = false;
-                canopy_rp2040_watchdog_look_back();  // once is enough
-                assert_false(has_crash);
-            }
+            for (uint32_t before = 0; before < 3; before++)
+                for (uint32_t recorded = 0; recorded < 2; recorded++) {
+                    power_on();
+                    for (uint32_t crash = 0; crash < before; crash++)
+                        canopy_crash_keep(&hard);
+                    if (started != 0)
+                        assert_true(canopy_rp2040_watchdog_start(1000000));
+                    if (recorded != 0)
+                        canopy_crash_keep(&hard);
+                    chip.dog_reason = reason;
+                    canopy_rp2040_watchdog_look_back();
+                    const bool bitten = started != 0 && (reason & 1u) != 0 && recorded == 0;
+                    const uint32_t count = before + recorded + (bitten ? 1u : 0u);
+                    assert_int_equal(has_crash, count > 0);
+                    if (has_crash) {
+                        assert_int_equal(kept.count, count);
+                        assert_int_equal(kept.kind, bitten ? CANOPY_CRASH_WATCHDOG : CANOPY_CRASH_HARD);
+                    }
+                    canopy_rp2040_watchdog_look_back();  // once is enough
+                    assert_int_equal(has_crash ? kept.count : 0, count);
+                }
 }
 
 // ---- Flash: a memory that shows garbage while it is not in its fast reading mode

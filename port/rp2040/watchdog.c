@@ -5,7 +5,9 @@
 #include "port/rp2040/registers.h"
 #include "port/rp2040/timer.h"
 
-#define STARTED 0x43414E57u  // in a scratch register, which a reset by the watchdog leaves: this program started it
+// In a scratch register, which a reset by the watchdog leaves: this program started it. The crashes until then are added:
+// where there are more at the next start, this one has been recorded.
+#define STARTED 0x43414E57u
 
 static uint32_t period;  // us; 0 until the start
 
@@ -31,11 +33,16 @@ static void choose_what_is_reset(void) {
     canopy_rp2040_put(RP2040_PSM_WATCHDOG_SELECT, RP2040_PSM_ALL & ~RP2040_PSM_OSCILLATORS);
 }
 
+static uint32_t started(void) {
+    const struct canopy_crash *crash = canopy_board_last_crash();
+    return STARTED + (crash != NULL ? crash->count : 0);
+}
+
 void canopy_rp2040_watchdog_look_back(void) {
     const bool bitten = (canopy_rp2040_get(RP2040_WATCHDOG_REASON) & RP2040_WATCHDOG_REASON_TIMER) != 0 &&
-                        canopy_rp2040_get(RP2040_WATCHDOG_SCRATCH2) == STARTED;
+                        canopy_rp2040_get(RP2040_WATCHDOG_SCRATCH2) == started();
     canopy_rp2040_put(RP2040_WATCHDOG_SCRATCH2, 0);
-    if (bitten && canopy_board_last_crash() == NULL)
+    if (bitten)
         canopy_crash_keep(&(struct canopy_crash){.kind = CANOPY_CRASH_WATCHDOG});
 }
 
@@ -44,7 +51,7 @@ bool canopy_rp2040_watchdog_start(uint32_t period_us) {
         return false;
     canopy_rp2040_clear(RP2040_WATCHDOG_CTRL, RP2040_WATCHDOG_ENABLE);
     choose_what_is_reset();
-    canopy_rp2040_put(RP2040_WATCHDOG_SCRATCH2, STARTED);
+    canopy_rp2040_put(RP2040_WATCHDOG_SCRATCH2, started());
     period = period_us;
     feed(NULL);
     warn(true);
