@@ -138,7 +138,8 @@ def test_the_crc_covers_meaning_but_not_wording(made, tmp_path):
     ('line",1,247,1\n505', 'line",1,247,x\n505', "are not numbers"),
     ('line",1,247,1\n505', 'line",1,247,0\n505', "not lowest <= default"),
     ('line",1,247,1\n505', 'line",1,65536,1\n505', "not in the type"),
-    ("504,set_plc_unit,u16,1,rw", "504,set_plc_unit,string,1,rw", "a setting is u16 or u32"),
+    ("30,revision,string,8", "30,revision,string,2", "more than 2 words"),
+    ("506,set_plc_baud,u32,2,rw", "506,set_plc_baud,i32,2,rw", "a setting is u16 or u32"),
     ("500,settings_state,u16,1,r,", "500,settings_state,u16,1,rw,", "9 columns instead of 12"),
 ])
 def test_a_table_that_contradicts_itself_is_refused(tmp_path, old, new, what):

@@ -61,6 +61,7 @@ class Item:
             need(re.fullmatch(r"\d+", words), line, f"words {words!r}")
             self.words = self.stride = int(words)
             need(self.words == WORDS.get(self.type, self.words) and 0 < self.words <= 125, line, f"{words} words of {self.type}")
+            need(self.type != "string" or self.words > 2, line, "a string has more than 2 words: fewer are taken for a number")
             need(self.field != "", line, "no field")
         power = re.fullmatch(r"2\^(-?\d+)", scale)
         self.scale = 2.0 ** int(power.group(1)) if power else float(scale)
@@ -182,11 +183,10 @@ class Map:
         for name, _, _ in self.groups:
             items = [i for i in self.of(name) if not i.series]
             for item in items:
-                kind = {1: "WORD", 2: "LONG"}.get(item.words) if item.type != "string" else "TEXT"
-                write = "true" if "w" in item.access else "false"
-                out.append(f"    {{{item.address}, offsetof(struct canopy_plc_{name}, {item.field}), {item.words}, CANOPY_PLC_{kind}, {write}}},  // {item.name}")
+                write = " | CANOPY_PLC_WRITABLE" if "w" in item.access else ""
+                out.append(f"    {{offsetof(struct canopy_plc_{name}, {item.field}), {item.words}{write}}},  // {item.address}: {item.name}")
             if items:
-                groups.append(f"    {{{items[0].address}, {items[-1].end}, {index}, {len(items)}}},  // {name}")
+                groups.append(f"    {{{items[0].address}, {items[-1].end}, {index}}},  // {name}")
                 index += len(items)
         out += ["};", "", "static const struct canopy_plc_group canopy_plc_groups[] = {"] + groups + ["};", "", "enum {"]
         out += [f"    CANOPY_PLC_GROUP_{name.upper()}," for name in GROUPS if name not in SERIES]

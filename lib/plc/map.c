@@ -15,10 +15,6 @@ static bool series_has(struct canopy_plc_range range, uint32_t base, uint32_t st
     return within < words || range.end - range.first > stride - within;
 }
 
-static bool entry_in(struct canopy_plc_range range, const struct canopy_plc_entry *entry) {
-    return canopy_plc_overlap(range, entry->address, (uint32_t)entry->address + entry->words);
-}
-
 static bool group_in(struct canopy_plc_range range, const struct canopy_plc_group *group) {
     return canopy_plc_overlap(range, group->address, group->end);
 }
@@ -134,28 +130,30 @@ static void fill(struct canopy_plc *plc, uint8_t client, size_t group, struct ca
     }
 }
 
+static uint32_t words_of(const struct canopy_plc_entry *entry) { return entry->shape & ~CANOPY_PLC_WRITABLE; }
+
 // Register `word` of an entry, from the bytes of its member.
 static uint16_t word_of(const struct canopy_plc_entry *entry, const void *image, uint32_t word) {
     const unsigned char *member = (const unsigned char *)image + entry->offset;
     uint16_t single;
     uint32_t pair;
-    switch (entry->kind) {
-    case CANOPY_PLC_WORD: memcpy(&single, member, sizeof single); return single;
-    case CANOPY_PLC_LONG: memcpy(&pair, member, sizeof pair); return (uint16_t)(word == 0 ? pair >> 16 : pair);
+    switch (words_of(entry)) {
+    case 1: memcpy(&single, member, sizeof single); return single;
+    case 2: memcpy(&pair, member, sizeof pair); return (uint16_t)(word == 0 ? pair >> 16 : pair);
     default: return (uint16_t)(member[2 * word] << 8 | member[2 * word + 1]);
     }
 }
 
 static void read_group(const struct canopy_plc_group *group, const union image *image, struct canopy_plc_range range,
                        uint8_t *to) {
-    for (uint32_t i = group->first; i < (uint32_t)group->first + group->count; i++) {
-        const struct canopy_plc_entry *entry = &canopy_plc_entries[i];
-        if (entry->address >= range.end)
-            return;
-        for (uint32_t word = 0; word < entry->words; word++) {
-            const uint32_t address = entry->address + word;
-            if (address >= range.first && address < range.end)
-                canopy_plc_put(to + 2 * (address - range.first), word_of(entry, image, word));
+    const struct canopy_plc_entry *entry = &canopy_plc_entries[group->first];
+    uint32_t word = 0;
+    for (uint32_t address = group->address; address < group->end && address < range.end; address++) {
+        if (address >= range.first)
+            canopy_plc_put(to + 2 * (address - range.first), word_of(entry, image, word));
+        if (++word == words_of(entry)) {
+            entry++;
+            word = 0;
         }
     }
 }
@@ -367,12 +365,12 @@ void canopy_plc_evaluate(struct canopy_plc *plc, uint8_t client) {
 static size_t writable_group(struct canopy_plc_range range) {
     for (size_t g = 0; g < CANOPY_PLC_GROUPS; g++) {
         const struct canopy_plc_group *group = &canopy_plc_groups[g];
+        const struct canopy_plc_entry *entry = &canopy_plc_entries[group->first];
         uint32_t covered = 0;
-        for (uint32_t i = group->first; i < (uint32_t)group->first + group->count; i++) {
-            const struct canopy_plc_entry *entry = &canopy_plc_entries[i];
-            if (entry->writable && entry->address >= range.first &&
-                (uint32_t)entry->address + entry->words <= range.end)
-                covered += entry->words;
+        for (uint32_t address = group->address, next; address < group->end; address = next, entry++) {
+            next = address + words_of(entry);
+            if ((entry->shape & CANOPY_PLC_WRITABLE) != 0 && address >= range.first && next <= range.end)
+                covered += next - address;
         }
         if (covered > 0)
             return covered == range.end - range.first ? g : CANOPY_PLC_GROUPS;
@@ -385,14 +383,14 @@ static uint16_t word_at(const uint8_t *from) { return (uint16_t)(from[0] << 8 | 
 // Puts registers into the members that they are.
 static void take(size_t g, struct canopy_plc_range range, const uint8_t *from, void *image) {
     const struct canopy_plc_group *group = &canopy_plc_groups[g];
-    for (uint32_t i = group->first; i < (uint32_t)group->first + group->count; i++) {
-        const struct canopy_plc_entry *entry = &canopy_plc_entries[i];
-        if (!entry_in(range, entry))
+    const struct canopy_plc_entry *entry = &canopy_plc_entries[group->first];
+    for (uint32_t address = group->address; address < range.end; address += words_of(entry++)) {
+        if (address < range.first)
             continue;
-        const uint8_t *at = from + 2 * (entry->address - range.first);
+        const uint8_t *at = from + 2 * (address - range.first);
         unsigned char *member = (unsigned char *)image + entry->offset;
         const uint16_t single = word_at(at);
-        if (entry->kind == CANOPY_PLC_LONG) {
+        if (words_of(entry) == 2) {
             const uint32_t pair = (uint32_t)single << 16 | word_at(at + 2);
             memcpy(member, &pair, sizeof pair);
         } else {

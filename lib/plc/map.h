@@ -145,24 +145,19 @@ struct canopy_plc_settings {
     uint16_t stored;  ///< enum canopy_plc_settings_stored
 };
 
-/// How the bytes of a member become registers.
-enum canopy_plc_kind {
-    CANOPY_PLC_WORD,  ///< uint16_t
-    CANOPY_PLC_LONG,  ///< uint32_t or int32_t, high word first
-    CANOPY_PLC_TEXT   ///< characters, two a register
+/// A member of a group's struct and the registers that show it: one is a uint16_t; two are a uint32_t or int32_t, high
+/// word first; more are characters, two a register. Entries stand in the order of addresses, and a group has no gaps:
+/// so an entry's address is where the one before it ends.
+struct canopy_plc_entry {
+    uint8_t offset;
+    uint8_t shape;  ///< how many registers, and CANOPY_PLC_WRITABLE
 };
 
-struct canopy_plc_entry {
-    uint16_t address;
-    uint8_t offset;  ///< of the member in its group's struct
-    uint8_t words;
-    uint8_t kind;  ///< enum canopy_plc_kind
-    bool writable;
-};
+#define CANOPY_PLC_WRITABLE 0x80U
 
 struct canopy_plc_group {
     uint16_t address, end;  ///< from its first register to beyond its last
-    uint8_t first, count;   ///< of its entries
+    uint16_t first;         ///< of its entries
 };
 
 #endif
