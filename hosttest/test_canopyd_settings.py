@@ -137,6 +137,13 @@ def test_damaged_copies_are_shown_and_mended(start, scene, tmp_path):
     daemon, plc = begin([20, 4096 + 40])
     assert (plc["settings_state"], plc["set_refresh_ms"], plc["settings_generation"]) == (CORRUPT, 500, 0)
     assert "both copies are damaged" in daemon.text()
+    wait(plc, "points_accepted", lambda points: points > 500)
+    time.sleep(1)
+    assert (plc["points"], plc["status"] & 1) == (0, 0), "what had settings publishes nothing with others"
+    store(plc)
+    assert daemon.end() == 0
+    daemon, plc = run(start, scene, path)
+    assert plc["settings_state"] == STORED
     wait(plc, "points", lambda points: points > 0)
     assert daemon.end() == 0
 

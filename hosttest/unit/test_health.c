@@ -27,6 +27,11 @@ static enum canopy_status read(void *context, uint32_t page, uint32_t offset, ui
     return CANOPY_OK;
 }
 
+static enum canopy_status read_none(void *context, uint32_t page, uint32_t offset, uint8_t *to, uint32_t length) {
+    (void)context, (void)page, (void)offset, (void)to, (void)length;
+    return CANOPY_RANGE;
+}
+
 static enum canopy_status erase(void *context, uint32_t page) {
     (void)context;
     operations++;
@@ -435,6 +440,47 @@ UNIT(a_wrong_certificate_at_start_publishes_nothing) {
     check_barred();
 }
 
+// The defaults could be the other side: whoever had settings gets nothing that was made with others.
+UNIT(settings_that_are_lost_publish_nothing_until_they_are_stored_again) {
+    static const uint8_t newer[2] = {0, 44};
+    const struct canopy_flash blind = {
+        .page_bytes = PAGE_BYTES, .program_bytes = 4, .page_count = 2, .read = read_none};
+    for (int how = 0; how < 3; how++) {
+        power_on();
+        if (how == 1) {
+            store_as(CANOPY_SETTINGS_VERSION + 1, newer, sizeof newer);
+        } else {
+            start();
+            store_unit(33);
+            pages[0][20] ^= how == 0 ? 1 : 0;
+            pages[1][20] ^= how == 0 ? 1 : 0;
+        }
+        start_with(how == 2 ? &blind : &flash, NULL, &canopy_selftest_fx, 0);
+        CHECK_EQ(ASK(SETTINGS_STATE, 1), how == 0   ? CANOPY_PLC_SETTINGS_CORRUPT
+                                         : how == 1 ? CANOPY_PLC_SETTINGS_REFUSED
+                                                    : CANOPY_PLC_SETTINGS_NOWHERE);
+        run(1);
+        CHECK_EQ(ASK(SELFTESTS_FAILED, 1), 0);
+        check_barred();
+        if (how == 2)
+            continue;
+        store_unit(34);
+        check_barred();
+        start();
+        CHECK_EQ(publish(), CANOPY_OK);
+        run(10);
+        CHECK_EQ(ASK(STATUS, 1), CANOPY_PLC_VALID);
+    }
+    // a device that never had settings, or has no memory for them, works with its defaults
+    for (int has = 0; has < 2; has++) {
+        power_on();
+        start_with(has != 0 ? &flash : &no_flash, NULL, &canopy_selftest_fx, 0);
+        CHECK_EQ(publish(), CANOPY_OK);
+        run(10);
+        CHECK_EQ(ASK(STATUS, 1), CANOPY_PLC_VALID);
+    }
+}
+
 UNIT(wires_are_shown) {
     power_on();
     start();
@@ -464,4 +510,6 @@ UNIT_LIST(health, what_is_stored_is_in_force_at_the_next_start, defaults_are_res
           a_setting_that_a_device_has_not_is_no_other, why_it_started,
           a_reset_waits_for_the_answer_and_for_what_is_stored, tests_pass_in_the_background,
           a_program_that_changes_withdraws_the_envelope, ram_that_fails_withdraws_the_envelope,
-          a_wrong_certificate_at_start_publishes_nothing, wires_are_shown, unused_stack_is_what_keeps_the_pattern)
+          a_wrong_certificate_at_start_publishes_nothing,
+          settings_that_are_lost_publish_nothing_until_they_are_stored_again, wires_are_shown,
+          unused_stack_is_what_keeps_the_pattern)

@@ -95,6 +95,17 @@ static enum canopy_plc_result run_command(struct canopy_plc_keeper *keeper, enum
     return CANOPY_PLC_RESULT_DONE;
 }
 
+// Something was stored, or may be, and is not in force. Defaults may be the other side, and call readings fresh for
+// longer: what they give is not what the installer has asked for.
+static bool are_settings_lost(const struct canopy_health *health) {
+    switch (health->keeper.settings.state) {
+    case CANOPY_PLC_SETTINGS_CORRUPT:
+    case CANOPY_PLC_SETTINGS_REFUSED: return true;
+    case CANOPY_PLC_SETTINGS_NOWHERE: return health->config.flash->page_count > 0;
+    default: return false;
+    }
+}
+
 // ---- Start
 
 void canopy_health_open(struct canopy_health *health, const struct canopy_health_config *config,
@@ -174,7 +185,7 @@ static void test(struct canopy_health *health, uint64_t now_us) {
         canopy_selftest_ram(&health->selftest);
         canopy_selftest_flash(&health->selftest);
     }
-    if (failed_of(health) != 0 && !health->plc->barred) {
+    if ((failed_of(health) != 0 || are_settings_lost(health)) && !health->plc->barred) {
         canopy_plc_bar(health->plc);
     }
 }

@@ -13,8 +13,9 @@
 ///
 /// In the background one window of RAM and a piece of flash are tested every CANOPY_HEALTH_PERIOD_US, with about 4,500
 /// instructions. When any test has failed, all that is published is withdrawn, and nothing is published until the next
-/// start. Storing takes a step of canopy_store_step each cycle, as long as the flash needs; it and the restart wait
-/// until the PLC's answer has left.
+/// start. Nothing is published either when settings were stored and are not in force (settings_state CORRUPT, REFUSED,
+/// or NOWHERE with a flash): the defaults may be the other side. Storing takes a step of canopy_store_step each cycle,
+/// as long as the flash needs; it and the restart wait until the PLC's answer has left.
 #ifndef CANOPY_STATION_HEALTH_H
 #define CANOPY_STATION_HEALTH_H
 
