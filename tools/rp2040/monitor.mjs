@@ -58,7 +58,7 @@ export class Monitor {
             case 'counters':
                 return JSON.stringify(this.counters);
             case 'bus':
-                return this.wire.heard.splice(0).join(' ');
+                return this.wire.takeHeard();
             case 'quit':
                 process.exit(0);
                 return '';

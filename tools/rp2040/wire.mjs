@@ -138,7 +138,16 @@ export class Wire {
     note(kind, byte, isAcknowledged = true) {
         const hex = byte === undefined ? '' : byte.toString(16).padStart(2, '0');
         this.heard.push(`${kind}${hex}${isAcknowledged ? '' : '!'}`);
-        this.heard.splice(0, this.heard.length - NOTED);
+        if (this.heard.length > 2 * NOTED) {
+            this.heard = this.heard.slice(-NOTED);
+        }
+    }
+
+    /** What was noted since the last of these, the last part of it. */
+    takeHeard() {
+        const heard = this.heard.slice(-NOTED);
+        this.heard = [];
+        return heard.join(' ');
     }
 
     /** The device of an address is asked: true if it answers. */
