@@ -153,6 +153,26 @@ static void test_slow_transmitter(void **state) {
     }
 }
 
+// Whoever has heard that all is sent may mask interrupts for half a second, to erase flash: the others' line is free.
+static void test_sent_means_that_the_pin_has_fallen(void **state) {
+    (void)state;
+    FOR_EACH_BAUD(baud) for (uint32_t slow = 0; slow <= 20; slow += 2) {
+        start(baud, false);
+        line->slow = slow;
+        write_bytes(0, 60);
+        for (uint64_t end = chip.now_ns + 3000000000u; !stream.sent(stream.context); chip_pass(700))
+            assert_true(chip.now_ns < end);
+        assert_false(pin_is_high());
+        assert_true(chip.fell_ns[PIN] >= last_end());
+        chip_pass(5000000);
+        assert_false(pin_is_high());
+        assert_int_equal(chip.rises[PIN], 1);
+        assert_int_equal(write_bytes(60, 3), 3);
+        wait_for_fall();
+        assert_wire(63);
+    }
+}
+
 // An emulator that swallows bytes and is never busy: the time of the wire holds all the same.
 static void test_instant_transmitter(void **state) {
     (void)state;
@@ -280,6 +300,7 @@ int main(void) {
         cmocka_unit_test(test_sent_is_true_after_the_last_stop_bit),
         cmocka_unit_test(test_bytes_behind_the_last),
         cmocka_unit_test(test_slow_transmitter),
+        cmocka_unit_test(test_sent_means_that_the_pin_has_fallen),
         cmocka_unit_test(test_instant_transmitter),
         cmocka_unit_test(test_without_a_direction_pin),
         cmocka_unit_test(test_full_ring_takes_no_more),

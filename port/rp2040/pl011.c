@@ -98,6 +98,8 @@ static bool stream_sent(void *context) {
     const uint32_t before = canopy_core_mask();
     const bool sent = canopy_byte_ring_empty(&uart->sending) && now_q8() >= uart->free_q8 &&
                       (get(uart, RP2040_UART_FR) & RP2040_UART_FR_BUSY) == 0;
+    if (sent)  // the alarm may be a bit away, and who hears this may mask interrupts for as long as flash is erased
+        canopy_rp2040_put(RP2040_GPIO_OUT_CLEAR, uart->direction);
     canopy_core_restore(before);
     return sent;
 }

@@ -7,6 +7,7 @@
 /// It has no interrupt for the end of the last stop bit. So the time when the wire will be free is reckoned from the
 /// bytes handed over; from then on the busy flag decides. An alarm of the chip's timer brings that moment, and the
 /// direction pin falls in its interrupt: at most one bit time after the stop bit, if no other interrupt is in the way.
+/// It has fallen, too, when the stream says that all is sent.
 #ifndef CANOPY_PORT_RP2040_PL011_H
 #define CANOPY_PORT_RP2040_PL011_H
 
