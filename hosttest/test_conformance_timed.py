@@ -159,6 +159,15 @@ def test_a_fed_watchdog_does_not_bite(board):
 
 
 @on(lambda expected: expected.watchdog)
+def test_a_period_that_no_watchdog_counts_is_refused(board):
+    """Better none, and told, than another one than was asked for."""
+    assert board.ask("watch", 0) == [0]
+    assert board.ask("watch", 0xFFFFFFFF) == [0]
+    board.wait(300000)  # nothing was started
+    assert board.ask_text("crash") == "none"
+
+
+@on(lambda expected: expected.watchdog)
 def test_an_unfed_watchdog_bites_in_its_time(board):
     assert board.ask("watch", 300000) == [1]
     began = time.monotonic()

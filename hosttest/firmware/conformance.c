@@ -574,8 +574,10 @@ static void forget(const uint32_t *argument, const char *rest) {
 // watch PERIOD_US
 static void watch(const uint32_t *argument, const char *rest) {
     (void)rest;
-    nap_us = argument[0] / 4u;  // in which the next order may come, however late
-    say_number(canopy_board_start_watchdog(argument[0]));
+    const bool started = canopy_board_start_watchdog(argument[0]);
+    if (started)
+        nap_us = argument[0] / 4u;  // in which the next order may come, however late
+    say_number(started);
 }
 
 static void put(const uint32_t *argument, const char *rest) {

@@ -61,6 +61,8 @@ struct canopy_flash canopy_board_flash(void) {
 }
 
 bool canopy_board_start_watchdog(uint32_t period_us) {
+    if (period_us == 0 || period_us > UINT32_MAX / (BOARD_CLOCK_HZ / 1000000u))
+        return false;  // beyond its counter
     canopy_cmsdk_watchdog_start(&watchdog, BOARD_WATCHDOG_BASE, BOARD_CLOCK_HZ, period_us);
     return true;
 }
