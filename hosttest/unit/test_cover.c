@@ -176,6 +176,27 @@ UNIT(field_finds_the_cell_of_every_point) {
     }
 }
 
+// Points that are fed take the quotient from a product: at both ends of every cell, for cells of all sizes, powers of two
+// and their neighbours among them, up to axes of 2^31.
+UNIT(field_fed_finds_the_cell_at_every_edge) {
+    uint32_t random = 9;
+    for (uint32_t round = 0; round < 400; round++) {
+        const uint32_t most = (uint32_t)INT32_MAX / ((M - 1) * CELLS), bits = next_random(&random) % 26;
+        const uint32_t near = (UINT32_C(1) << bits) + next_random(&random) % 3 - 1;
+        const uint32_t d = round % 4 == 0 ? most : round % 2 == 0 ? near : next_random(&random) >> bits;
+        struct canopy_frame frame = frame_of(CANOPY_ABOVE, 1000, 1000, 1000);
+        frame.pitch[0] = CELLS * (d < 1 ? 1 : d > most ? most : d);
+        struct canopy_field field = field_in(&frame);
+        const int32_t cell = (int32_t)(frame.pitch[0] / CELLS), rows = (int32_t)field.axis[0].count;
+        for (int32_t i = 0; i < 2 * rows; i++) {
+            const int32_t row = i / 2, x = row * cell + (i % 2) * (cell - 1);
+            const int32_t point[1][3] = {{x, 0, i + 1}};
+            CHECK_EQ(canopy_field_feed_fx(&field, point, 1), 0);
+            CHECK_EQ(field.heights[(uint32_t)row * field.axis[1].count], (i + 1) * (1 << -frame.lsb_log2));
+        }
+    }
+}
+
 UNIT(field_finds_cells_over_the_whole_range) {
     const int32_t low[3] = {INT32_MIN, INT32_MAX - 50, 0}, high[3] = {INT32_MAX, INT32_MAX, 0};
     struct canopy_frame frame;
@@ -752,11 +773,11 @@ UNIT(envelope_bounds_its_height) {
 UNIT_LIST(cover, frame_is_the_smallest_that_holds_the_box, frame_of_a_flat_scene_has_room_for_heights,
           frame_takes_the_whole_range_of_coordinates, frame_refuses_what_is_no_grid_or_box,
           frame_in_float_has_exact_edges, frame_in_float_holds_its_corners, field_asks_for_its_arena,
-          field_finds_the_cell_of_every_point, field_finds_cells_over_the_whole_range,
-          field_keeps_the_highest_and_says_so, field_below_keeps_the_lowest, field_refuses_heights_it_cannot_hold,
-          field_rounds_heights_up_where_a_step_is_more_than_a_quantum, field_takes_any_step,
-          field_in_float_agrees_with_exact_edges, field_in_float_lowers_no_point, fields_merge_by_maximum,
-          coverage_is_one_bit_a_knot_cell, line_is_above_every_node_in_both_scalars,
+          field_finds_the_cell_of_every_point, field_fed_finds_the_cell_at_every_edge,
+          field_finds_cells_over_the_whole_range, field_keeps_the_highest_and_says_so, field_below_keeps_the_lowest,
+          field_refuses_heights_it_cannot_hold, field_rounds_heights_up_where_a_step_is_more_than_a_quantum,
+          field_takes_any_step, field_in_float_agrees_with_exact_edges, field_in_float_lowers_no_point,
+          fields_merge_by_maximum, coverage_is_one_bit_a_knot_cell, line_is_above_every_node_in_both_scalars,
           line_through_a_straight_slope_is_that_slope, line_without_data_says_so,
           line_is_safe_however_its_iteration_ends, line_is_safe_wherever_it_is_stopped,
           lift_looks_at_vertices_and_clears_every_node, surface_is_certified_in_both_scalars,

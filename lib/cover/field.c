@@ -8,6 +8,23 @@
 #include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 
+// With s = floor(log2 d), k = 32 + s and m = 2^k / d rounded up, m d is less than d < 2^(s+1) above 2^k. So for n < 2^31
+// n m / 2^k is less than 2^31 2^(s+1) / (2^k d) = 1/d above n / d, which is too little for the next whole number. A power
+// of two needs no rounding, and one bit less.
+static void find_factor(struct canopy_field_axis *axis) {
+    const uint32_t d = axis->cell;
+    if (d < 2 || axis->extent > (uint32_t)INT32_MAX) {
+        return;
+    }
+    uint8_t s = 0;
+    while (d >> s > 1) {
+        s++;
+    }
+    const bool power = (d & (d - 1)) == 0;
+    axis->shift = power ? (uint8_t)(s - 1) : s;
+    axis->factor = power ? UINT32_C(1) << 31 : (uint32_t)(((uint64_t)1 << (32 + s)) / d + 1);
+}
+
 static void init_axis(struct canopy_field_axis *axis, const struct canopy_frame *frame, int a, uint16_t cells,
                       bool straight) {
     const uint32_t pitch = frame->pitch[a];
@@ -20,6 +37,7 @@ static void init_axis(struct canopy_field_axis *axis, const struct canopy_frame 
     axis->cell = pitch % cells == 0 ? pitch / cells : 0;
     const uint64_t reciprocal = ((uint64_t)cells << 32) / pitch;
     axis->reciprocal = reciprocal < UINT32_MAX ? (uint32_t)reciprocal : UINT32_MAX;
+    find_factor(axis);
 }
 
 static int32_t clamp(int64_t z) { return z < INT32_MIN ? INT32_MIN : z > INT32_MAX ? INT32_MAX : (int32_t)z; }
@@ -138,27 +156,8 @@ enum canopy_status canopy_field_insert_fx(struct canopy_field *field, const int3
     return CANOPY_OK;
 }
 
-// Everything the loop needs is copied to where nobody else can see it, so that it may stay in registers.
-CANOPY_INLINE size_t feed(const struct canopy_field *field, const int32_t (*points)[3], size_t count, bool exact) {
-    const struct canopy_field_axis u = field->axis[0], v = field->axis[1];
-    const struct canopy_field_heights z = field->z;
-    int32_t *heights = field->heights;
-    size_t refused = 0;
-    for (; count > 0; count--, points++) {
-        uint32_t row, column;
-        int32_t height;
-        if (!find_cell(&u, (*points)[0], exact, &row) || !find_cell(&v, (*points)[1], exact, &column) ||
-            !find_height(&z, &field->frame, (*points)[2], &height)) {
-            refused++;
-            continue;
-        }
-        int32_t *cell = &heights[row * v.count + column];
-        *cell = height > *cell ? height : *cell;
-    }
-    return refused;
-}
-
-static size_t feed_packed(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
+// One after the other, whatever they are.
+static size_t feed_any(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
     struct canopy_field_hit hit;
     size_t refused = 0;
     for (; count > 0; count--, points++) {
@@ -167,11 +166,37 @@ static size_t feed_packed(struct canopy_field *field, const int32_t (*points)[3]
     return refused;
 }
 
-size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
-    if (field->heights == NULL) {
-        return feed_packed(field, points, count);
+CANOPY_INLINE uint32_t quotient(uint32_t offset, uint32_t factor, uint8_t shift) {
+    return canopy_product_high(offset, factor) >> shift;
+}
+
+// Points in the frame with ordinary heights, which nearly all are, into a field with factors. Everything the loop needs
+// is copied to where nobody else can see it, so that it may stay in registers.
+static size_t feed(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
+    const struct canopy_field_axis u = field->axis[0], v = field->axis[1];
+    const struct canopy_field_heights z = field->z;
+    int32_t *heights = field->heights;
+    size_t refused = 0;
+    for (; count > 0; count--, points++) {
+        const uint32_t du = (uint32_t)(*points)[0] - (uint32_t)u.origin,
+                       dv = (uint32_t)(*points)[1] - (uint32_t)v.origin;
+        const uint32_t above_low = (uint32_t)(*points)[2] - (uint32_t)z.low;
+        if (du >= u.extent || dv >= v.extent || above_low >= z.span) {
+            refused += feed_any(field, points, 1);
+            continue;
+        }
+        const int32_t height = z.base + (int32_t)above_low * z.factor;
+        int32_t *cell = &heights[quotient(du, u.factor, u.shift) * v.count + quotient(dv, v.factor, v.shift)];
+        if (height > *cell) {
+            *cell = height;
+        }
     }
-    return field->exact ? feed(field, points, count, true) : feed(field, points, count, false);
+    return refused;
+}
+
+size_t canopy_field_feed_fx(struct canopy_field *field, const int32_t (*points)[3], size_t count) {
+    const bool fast = field->heights != NULL && field->axis[0].factor != 0 && field->axis[1].factor != 0;
+    return fast ? feed(field, points, count) : feed_any(field, points, count);
 }
 
 enum canopy_difference canopy_field_difference(const struct canopy_field *a, const struct canopy_field *b) {

@@ -43,7 +43,9 @@ struct canopy_field_axis {
     uint32_t cell;        // pitch / cells where exact, else 0
     uint32_t count;       ///< cells along the axis
     uint32_t pitch;
-    uint16_t cells;  ///< a knot interval
+    uint16_t cells;   ///< a knot interval
+    uint8_t shift;    // offset / cell is (offset * factor >> 32) >> shift, offsets below 2^31 …
+    uint32_t factor;  // … or 0: it is not
 };
 
 /// How a z in quanta becomes a height in steps: base + (z - low) * factor, the mirror of the side below included.
