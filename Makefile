@@ -256,7 +256,8 @@ $(NODE): tools/rp2040/package.json tools/rp2040/package-lock.json | setup-node
 	@touch $@
 
 # Against tools/budget.csv, with the difference to the last commit's values; RENEW=1 writes what is measured into it
-BUDGET = $(PYTHON) tools/budget.py $(1) --build $(BUILD) $(MEASURED_BOARDS:%=--board %) $(if $(RENEW),--renew)
+BUDGET = $(if $(MEASURED_BOARDS),$(PYTHON) tools/budget.py $(1) --build $(BUILD) $(MEASURED_BOARDS:%=--board %) \
+    $(if $(RENEW),--renew),echo "$(1): BOARD=$(BOARD) has no firmware")
 PROGRAMS_COUNTED := $(foreach board,$(MEASURED_BOARDS),$(filter %/cycles.elf %/tight.elf,$($(board)_OTHERS)))
 .PHONY: size stack cycles boards
 size: $(MEASURED)  ## flash and RAM of the stations, all boards or BOARD=x; DETAILS=1: by section and by object
