@@ -9,7 +9,8 @@ import pytest
 
 from running import IMAGES
 from rtu import NoAnswer
-from test_station_cortexm import Device, hills, symbol
+from stations import hills, symbol
+from test_station_cortexm import Device
 
 # runs alone: the board's time is the host's
 
@@ -136,8 +137,8 @@ def test_a_crash_can_be_read_afterwards(small):
     assert registers["crash_count"] == 1
     assert registers["crash_kind"] in (3, 4), "a hard fault of no kind, or a forbidden address"
     assert registers["crash_pc"] == 0xE0000000
-    assert symbol("canopy-10x10.elf", "canopy_stack_limit") < registers["crash_sp"] < symbol("canopy-10x10.elf",
-                                                                                            "canopy_stack_top")
+    image = IMAGES / "canopy-10x10.elf"
+    assert symbol(image, "canopy_stack_limit") < registers["crash_sp"] < symbol(image, "canopy_stack_top")
     assert registers["selftests_passed"] & CERTIFICATE
     # it stays known, whatever else resets the device
     give(small, RESET)  # the answer leaves first

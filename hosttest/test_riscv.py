@@ -1,35 +1,31 @@
 """The station's firmware on the emulated RISC-V board: its own scanner, a PLC that the test plays, and what makes the image
 right for cores that lack what the emulator has."""
 
-import json
-import os
 import re
 import subprocess
 import time
-from fractions import Fraction
-from functools import lru_cache
 from pathlib import Path
 
 import pytest
 
 import emulator
+import stations
 import sweep
-from rtu import Client, NoAnswer, Patient, Registers
+from rtu import Client, NoAnswer, Patient
 from running import BUILD, Emulator
+from stations import INTRUSION, VALID, gaps
 
 # runs alone: the board's time is the host's
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = BUILD / "riscv_virt"
-VALID, INTRUSION = 1, 2
 WHOLE = sweep.PROFILES
 
 
-class Device:
+class Device(stations.Device):
     def __init__(self, image, scratch, extra=(), heard=True):
-        self.emulator = Emulator(image, scratch, board="riscv_virt", extra=extra)
-        self.client = Patient(self.emulator.lines[0])
-        self.registers = Registers(self.client, json.loads((BUILD / "registers.json").read_text()))
+        begun = Emulator(image, scratch, board="riscv_virt", extra=extra)
+        super().__init__(begun, Patient(begun.lines[0]))
         self.said = self.console(" starts\r\n") if heard else time.sleep(1)  # the line is set up by then
 
     def console(self, end):
@@ -37,15 +33,6 @@ class Device:
         while not text.endswith(end.encode()):
             text += self.emulator.lines[2].recv(1000)
         return text.decode()
-
-    def wait(self, name, condition, seconds=40):
-        end = time.monotonic() + seconds
-        value = self.registers[name]
-        while not condition(value):
-            assert time.monotonic() < end, f"{name} stays {value}"
-            time.sleep(0.02)
-            value = self.registers[name]
-        return value
 
     def envelope(self):
         """One that was not withdrawn while it was read, as each intrusion does."""
@@ -59,9 +46,6 @@ class Device:
                     raise
             time.sleep(0.05)
         raise AssertionError("no envelope stands long enough to be read")
-
-    def close(self):
-        self.emulator.close()
 
 
 @pytest.fixture(params=["canopy.elf", "canopy-10x10.elf"])
@@ -78,31 +62,8 @@ def big(tmp_path):
     made.close()
 
 
-def weights(position, pitch, size):
-    """The four coefficients of the uniform cubic B-spline at an integer position, and their weights times 6 pitch^3."""
-    interval = min(position // pitch, size - 2)
-    d, p = position - interval * pitch, pitch
-    values = ((p - d) ** 3, 3 * d ** 3 - 6 * d * d * p + 4 * p ** 3, p ** 3 + 3 * d * p * p + 3 * d * d * p - 3 * d ** 3, d ** 3)
-    return [(min(max(interval - 1 + k, 0), size - 1), value) for k, value in enumerate(values)]
-
-
-def gaps(envelope, points):
-    """S - z at every point, exactly: whole numbers over one denominator, [numerators], denominator."""
-    m, n, lsb = envelope["grid_m"], envelope["grid_n"], Fraction(envelope["lsb"])
-    pu, pv, b = envelope["pitch_u"], envelope["pitch_v"], envelope["coefficients"]
-    whole = 36 * pu ** 3 * pv ** 3 * lsb.denominator
-    u_weights = lru_cache(None)(lambda x: weights(x - envelope["origin_x"], pu, m))
-    v_weights = lru_cache(None)(lambda y: weights(y - envelope["origin_y"], pv, n))
-    found = []
-    for x, y, z in points:
-        v = v_weights(y)
-        surface = sum(a * sum(c * b[i * n + j] for j, c in v) for i, a in u_weights(x))
-        found.append(surface * lsb.numerator + (envelope["origin_z"] - z) * whole)
-    return found, whole
-
-
 def least_gap(envelope, points):
-    return min(gaps(envelope, set(points))[0])
+    return min(gaps(envelope, set(points)))
 
 
 def test_the_scene_is_the_one_that_the_page_describes():
@@ -122,10 +83,10 @@ def test_a_sweep_becomes_a_safe_envelope(device):
     points = sweep.first(envelope["points"])
     assert envelope["margin"] >= 0
     assert abs(envelope["unit"] - sweep.UNIT) < 1e-8
-    (found, whole), heights = gaps(envelope, set(points)), [z for *_, z in points]
+    found, heights = gaps(envelope, set(points)), [z for *_, z in points]
     assert min(found) >= 0
     loosest = {20: 0.2, 10: 0.4}[envelope["grid_m"]]
-    assert sum(found) / len(found) / whole < loosest * (max(heights) - min(heights))
+    assert sum(found) / len(found) < loosest * (max(heights) - min(heights))
     assert device.registers["points_rejected"] == 0
     for counter in ("profiles_missed", "profiles_torn", "profiles_short", "profiles_refused", "scan_errors", "lost_bytes"):
         assert device.registers[counter] == 0
@@ -166,35 +127,15 @@ def test_illegal_requests_and_noise(big):
 
 def test_it_sleeps_between_profiles(big):
     big.wait("profiles", lambda count: count > 2 * WHOLE + 20)
-
-    def seconds():
-        words = Path(f"/proc/{big.emulator.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-    before = seconds()
-    time.sleep(2)
-    assert seconds() - before < 1.2
-
-
-def symbol(image, name):
-    table = subprocess.run(["riscv64-unknown-elf-nm", IMAGES / image], check=True, capture_output=True, text=True).stdout
-    return next(int(row.split()[0], 16) for row in table.splitlines() if row.split()[-1] == name)
+    assert stations.processor_seconds(big, 2) < 1.2
 
 
 def test_the_stack_stays_within_what_the_call_graph_says(big):
-    """What the program has painted and not used since: the lowest byte that is not paint is how deep the stack went."""
-    scratch = big.emulator.scratch
     big.wait("points", lambda count: count > 5000)
     big.envelope()
     big.client.write(big.registers.table["query_x"]["address"], [0, 500, 0, 500])
     assert big.registers["query_sequence"] > 0
-    subprocess.run(["/usr/bin/python3", ROOT / "tools/stack.py", "--calls", ROOT / "tools/calls.txt", "--json",
-                    scratch / "stack.json", IMAGES / "canopy.elf"], cwd=ROOT, check=True, capture_output=True)
-    computed = json.loads((scratch / "stack.json").read_text())["canopy"]["worst"]
-    limit, top = symbol("canopy.elf", "canopy_stack_limit"), symbol("canopy.elf", "canopy_stack_top")
-    used = len(big.emulator.memory(limit, top - limit).lstrip(b"\xc5"))
-    print(f"stack: used {used}, computed {computed}")
-    assert 300 < used <= computed
-    assert big.registers["stack_unused"] == (top - limit - used) // 4 * 4
+    stations.check_stack(big, IMAGES / "canopy.elf")
 
 
 def assert_it_works(device):

@@ -10,9 +10,10 @@ import time
 import pytest
 
 import emulator
+import stations
+from rtu import Client, frame
 from running import BUILD, Emulator
-from rtu import Client, NoAnswer, Registers, frame
-from test_station_cortexm import gaps, hills
+from stations import INTRUSION, STALE, VALID, gaps, hills
 
 # runs alone: the board's time is the host's
 
@@ -20,7 +21,6 @@ BOARD = "rp2040_pico"
 IMAGES = BUILD / BOARD
 READ_IDENTITY = frame(1, bytes([3, 0, 0, 0, 2])).hex()
 BOOT_BUDGET = 250_000  # instructions from the reset to the first byte of an answer
-VALID, INTRUSION, STALE = 1, 2, 4
 NAK, CHECKSUM, BUS = 6, 2, 7  # scanner_failure
 WATCHDOG, HARD = 2, 3  # crash_kind
 STORE = 4  # command
@@ -80,7 +80,7 @@ def test_a_uf2_for_another_chip_is_not_taken(tmp_path):
 
 # ---- The station between a scanner and a PLC
 
-class Station:
+class Station(stations.Device):
     """canopy-scanner behind the I2C bus, a PLC on line 0."""
 
     def __init__(self, scratch, *extra, profiles=30, columns=40, image="canopy.elf"):
@@ -93,33 +93,18 @@ class Station:
                                         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         try:
             where = self.scanner.stdout.readline().split()[1]
-            self.emulator = Emulator(image, scratch, BOARD, extra=["--scanner", where, *extra])
+            begun = Emulator(image, scratch, BOARD, extra=["--scanner", where, *extra])
         except BaseException:
             self.scanner.kill()
             raise
-        self.client = Client(self.emulator.lines[0])
-        self.registers = Registers(self.client, json.loads((BUILD / "registers.json").read_text()))
+        super().__init__(begun, Client(begun.lines[0]))
 
     def wait(self, name, condition, seconds=12):
-        """Until the register is as it should be; what is asked while the flash is written is not answered."""
-        end, value = time.monotonic() + seconds, None
-        while value is None or not condition(value):
-            assert time.monotonic() < end, f"{name} stays {value}"
-            time.sleep(0.02)
-            try:
-                value = self.registers[name]
-            except NoAnswer:
-                continue
-        return value
+        """What is asked while the flash is written is not answered."""
+        return super().wait(name, condition, seconds, patient=True)
 
     def wait_for_start(self, seconds=20):
-        end = time.monotonic() + seconds
-        while True:
-            try:
-                return self.registers["heartbeat"]
-            except NoAnswer:
-                assert time.monotonic() < end
-                time.sleep(0.1)
+        return self.wait("heartbeat", lambda _: True, seconds)
 
     def counters(self):
         return json.loads(self.emulator.order("counters"))
@@ -139,7 +124,7 @@ class Station:
         assert min(gaps(envelope, points)) >= 0
 
     def close(self):
-        self.emulator.close()
+        super().close()
         self.scanner.terminate()
         self.scanner.wait()
         self.scanner.stdout.close()

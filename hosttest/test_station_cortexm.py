@@ -1,35 +1,23 @@
 """The station's firmware on the emulated board, between a scanner and a PLC that the test plays."""
 
-import json
 import math
-import os
-import subprocess
 import time
-from fractions import Fraction
-from pathlib import Path
 
 import pytest
 
-from running import BUILD, IMAGES, Emulator
-from rtu import Client, NoAnswer, Patient, Registers, Scanner, crc
+import stations
+from rtu import Client, NoAnswer, Patient, Scanner, crc
+from running import IMAGES, Emulator
+from stations import INTRUSION, STALE, VALID, gaps, hills
 
 # runs alone: the board's time is the host's
 
-VALID, INTRUSION, STALE = 1, 2, 4
 
-
-def hills(count, columns, missing=lambda i, j: False):
-    def height(i, j):
-        return round(3000 + 1500 * math.sin(i / 7) * math.cos(j / 5) + (900 if (i * 31 + j * 17) % 97 == 0 else 0))
-    return [(250 * i - 4000, [None if missing(i, j) else height(i, j) for j in range(columns)]) for i in range(count)]
-
-
-class Device:
+class Device(stations.Device):
     def __init__(self, image, scratch, board="mps2_an385"):
-        self.emulator = Emulator(image, scratch, board)
+        begun = Emulator(image, scratch, board)
         # one that never rests keeps the emulator so busy that it loses time in the middle of frames
-        self.client = (Client if board == "mps2_an385" else Patient)(self.emulator.lines[1])
-        self.registers = Registers(self.client, json.loads((BUILD / "registers.json").read_text()))
+        super().__init__(begun, (Client if board == "mps2_an385" else Patient)(begun.lines[1]))
         self.scanner = None
 
     def scan(self, profiles, **options):
@@ -37,20 +25,11 @@ class Device:
         self.scanner.start()
         return self.scanner
 
-    def wait(self, name, condition, seconds=40):
-        end = time.monotonic() + seconds
-        value = self.registers[name]
-        while not condition(value):
-            assert time.monotonic() < end, f"{name} stays {value}"
-            time.sleep(0.05)
-            value = self.registers[name]
-        return value
-
     def close(self):
         if self.scanner:
             self.scanner.running = False
             self.scanner.join()
-        self.emulator.close()
+        super().close()
 
 
 @pytest.fixture(params=[("mps2_an385", "canopy"), ("mps2_an385", "canopy-10x10"), ("mps2_an386", "canopy-10x10"),
@@ -78,24 +57,6 @@ def big(tmp_path):
     made.close()
 
 
-def weights(position, pitch, size):
-    """The four coefficients and weights of the uniform cubic B-spline at an integer position, exactly."""
-    interval = min(position // pitch, size - 2)
-    t = Fraction(position - interval * pitch, pitch)
-    values = ((1 - t) ** 3, 3 * t ** 3 - 6 * t ** 2 + 4, -3 * t ** 3 + 3 * t ** 2 + 3 * t + 1, t ** 3)
-    return [(min(max(interval - 1 + k, 0), size - 1), value / 6) for k, value in enumerate(values)]
-
-
-def gaps(envelope, points):
-    """S - z at every point, exactly, in device units."""
-    m, n, lsb = envelope["grid_m"], envelope["grid_n"], Fraction(envelope["lsb"])
-    for x, y, z in points:
-        wu = weights(x - envelope["origin_x"], envelope["pitch_u"], m)
-        wv = weights(y - envelope["origin_y"], envelope["pitch_v"], n)
-        surface = sum(a * b * envelope["coefficients"][i * n + j] for i, a in wu for j, b in wv) * lsb
-        yield surface + envelope["origin_z"] - z
-
-
 def test_a_sweep_becomes_a_safe_envelope(device):
     scanner = device.scan(hills(60, 90, missing=lambda i, j: (i + j) % 11 == 0 or 20 < i < 26 and j > 70))
     points = scanner.points()
@@ -105,7 +66,7 @@ def test_a_sweep_becomes_a_safe_envelope(device):
     assert envelope["points"] == len(points)
     assert envelope["margin"] >= 0
     assert envelope["scalar"] == {"f32": 0, "fx": 1}[device.scalar]
-    found = list(gaps(envelope, points))
+    found = gaps(envelope, points)
     assert min(found) >= 0
     loosest = {20: 0.25, 10: 0.6}[envelope["grid_m"]]  # ten intervals cannot follow these hills
     assert sum(found) / len(found) < loosest * (max(z for *_, z in points) - min(z for *_, z in points))
@@ -115,7 +76,7 @@ def test_a_sweep_becomes_a_safe_envelope(device):
 
 
 def mean_gap(envelope, points):
-    found = list(gaps(envelope, points))
+    found = gaps(envelope, points)
     assert min(found) >= 0
     return float(sum(found) / len(found))
 
@@ -233,13 +194,7 @@ def test_it_sleeps_when_there_is_nothing_to_do(big):
     big.scanner.running = False
     big.scanner.join()
     time.sleep(1)
-
-    def seconds():
-        words = Path(f"/proc/{big.emulator.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-    before = seconds()
-    time.sleep(2)
-    assert seconds() - before < 0.5
+    assert stations.processor_seconds(big, 2) < 0.5
 
 
 def test_a_restart_command_forgets_the_scene(big):
@@ -250,26 +205,10 @@ def test_a_restart_command_forgets_the_scene(big):
     assert (big.registers["sequence"], big.registers["points"], big.registers["coverage_pct"]) == (0, 0, 0)
 
 
-def symbol(image, name):
-    table = subprocess.run(["arm-none-eabi-nm", IMAGES / image], check=True, capture_output=True, text=True).stdout
-    return next(int(row.split()[0], 16) for row in table.splitlines() if row.split()[-1] == name)
-
-
 def test_the_stack_stays_within_what_the_call_graph_says(big):
-    """At start the stack is filled with a pattern: the lowest byte that is another one is how deep it went."""
-    root = Path(__file__).resolve().parent.parent
-    scratch = big.emulator.scratch
     scanner = big.scan(hills(40, 60, missing=lambda i, j: i % 9 == 4))
     big.wait("points", lambda count: count == len(scanner.points()))
     big.registers.envelope()
     big.client.write(big.registers.table["query_x"]["address"], [0, 500, 0, 500])
     assert big.registers["query_sequence"] > 0
-    subprocess.run(["/usr/bin/python3", root / "tools/stack.py", "--calls", root / "tools/calls.txt", "--json",
-                    scratch / "stack.json", IMAGES / "canopy.elf"], cwd=root, check=True, capture_output=True)
-    computed = json.loads((scratch / "stack.json").read_text())["canopy"]["worst"]
-    limit, top = symbol("canopy.elf", "canopy_stack_limit"), symbol("canopy.elf", "canopy_stack_top")
-    stack = big.emulator.memory(limit, top - limit)
-    used = len(stack.lstrip(b"\xc5"))
-    print(f"stack: used {used}, computed {computed}")
-    assert 300 < used <= computed
-    assert big.registers["stack_unused"] == (len(stack) - used) // 4 * 4
+    stations.check_stack(big, IMAGES / "canopy.elf")
