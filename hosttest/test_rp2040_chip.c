@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "hosttest/rp2040_chip.h"
+#include "lib/plc/store.h"
 #include "port/board.h"
 
 #include "port/rp2040/flash.c"
@@ -169,7 +170,7 @@ static void test_what_the_next_start_knows(void **state) {
 static struct canopy_rp2040_flash flash;
 static struct canopy_flash stored;
 static uint8_t cells[PAGES * 4096u], seen[PAGES * 4096u];
-static char steps[16];
+static char steps[24];
 static uint32_t erase_us;
 static bool worn;
 
@@ -203,7 +204,7 @@ static void step_program(uint32_t offset, const uint8_t *from, size_t bytes) {
     assert_in_range(offset, OFFSET, OFFSET + sizeof cells - 256);
     assert_int_equal(offset % 256, 0);
     assert_int_equal(bytes, 256);
-    for (size_t i = 0; i < bytes; i++)
+    for (size_t i = 0; !worn && i < bytes; i++)
         cells[offset - OFFSET + i] &= from[i];
     chip_pass(3000000);
 }
@@ -288,9 +289,65 @@ static void test_worn_flash_is_told(void **state) {
     open_flash();
     worn = true;
     assert_int_equal(stored.erase(stored.context, 0), CANOPY_RANGE);
+    worn = false;
+    assert_int_equal(stored.erase(stored.context, 0), CANOPY_OK);
+    worn = true;
     uint8_t data[256];
-    memset(data, 0xA5, sizeof data);
-    assert_int_equal(stored.program(stored.context, 0, 0, data, 256), CANOPY_RANGE);
+    memset(data, 0xFF, sizeof data);
+    assert_int_equal(stored.program(stored.context, 0, 0, data, 256), CANOPY_OK);
+    for (uint32_t i = 0; i < 256; i += 51) {
+        memset(steps, 0, sizeof steps);
+        data[i] = 0xF7;
+        assert_int_equal(stored.program(stored.context, 0, 0, data, 256), CANOPY_RANGE);
+        data[i] = 0xFF;
+    }
+}
+
+// What is programmed already is programmed again, to clear more of it: so a store wipes a record that does not count.
+static void test_flash_is_programmed_twice(void **state) {
+    (void)state;
+    open_flash();
+    assert_int_equal(stored.erase(stored.context, 0), CANOPY_OK);
+    uint8_t data[256], more[256], both[256], back[256];
+    for (uint32_t i = 0; i < 256; i++) {
+        data[i] = (uint8_t)(i * 29u);
+        more[i] = i < 4 ? 0 : 0xFF;
+        both[i] = data[i] & more[i];
+    }
+    assert_int_equal(stored.program(stored.context, 0, 0, data, 256), CANOPY_OK);
+    assert_int_equal(stored.program(stored.context, 0, 0, more, 256), CANOPY_OK);
+    assert_int_equal(stored.read(stored.context, 0, 0, back, 256), CANOPY_OK);
+    assert_memory_equal(back, both, 256);
+}
+
+// The settings on this flash, when the power goes after any step of storing others: the old ones or the new.
+static void test_settings_on_this_flash(void **state) {
+    (void)state;
+    static const uint8_t old[8] = "the old", new[8] = "the new";
+    uint8_t scratch[CANOPY_STORE_OPEN_SCRATCH];
+    for (int cut = 0; cut <= 7; cut++) {
+        struct canopy_store store;
+        open_flash();
+        memset(cells, 0xFF, sizeof cells);
+        memset(seen, 0xFF, sizeof seen);
+        assert_int_equal(canopy_store_open(&store, &stored, scratch).state, CANOPY_STORE_EMPTY);
+        assert_true(canopy_store_begin(&store));
+        while (canopy_store_is_writing(&store)) {
+            memset(steps, 0, sizeof steps);
+            assert_in_range(canopy_store_step(&store, 1, old, sizeof old, scratch), CANOPY_OK, CANOPY_MORE);
+        }
+        assert_true(canopy_store_begin(&store));
+        for (int step = 0; step < cut; step++) {
+            memset(steps, 0, sizeof steps);
+            assert_in_range(canopy_store_step(&store, 1, new, sizeof new, scratch), CANOPY_OK, CANOPY_MORE);
+        }
+        for (int starts = 0; starts < 3; starts++) {
+            memset(steps, 0, sizeof steps);
+            const struct canopy_store_record found = canopy_store_open(&store, &stored, scratch);
+            assert_int_equal(found.state, cut < 2 || cut == 7 ? CANOPY_STORE_GOOD : CANOPY_STORE_ONE);
+            assert_memory_equal(found.payload, cut < 4 ? old : new, sizeof old);
+        }
+    }
 }
 
 // An erase that takes its longest neither warns nor bites, though the period is shorter; afterwards both are as before.
@@ -324,6 +381,8 @@ int main(void) {
         cmocka_unit_test(test_flash_from_flash),
         cmocka_unit_test(test_flash_limits),
         cmocka_unit_test(test_worn_flash_is_told),
+        cmocka_unit_test(test_flash_is_programmed_twice),
+        cmocka_unit_test(test_settings_on_this_flash),
         cmocka_unit_test(test_flash_under_the_watchdog),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

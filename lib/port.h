@@ -75,6 +75,7 @@ struct canopy_i2c {
 };
 
 /// Memory that keeps what is written without power: pages that are erased whole (to 0xFF) and programmed in pieces.
+/// Programming clears bits and leaves those that are 1 in `from` as they were, also where it was programmed before.
 /// erase and program block for as long as the memory takes, up to half a second on some chips; received bytes may be
 /// lost (and are counted) meanwhile.
 struct canopy_flash {

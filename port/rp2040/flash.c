@@ -62,6 +62,15 @@ static enum canopy_status erase(void *context, uint32_t page) {
     return CANOPY_OK;
 }
 
+// Whether all that was to be 0 is 0. The rest is what it was: memory is also programmed a second time, to clear more of
+// it, and what a loss of power has left there may read as anything.
+static bool is_cleared(const uint8_t *seen, const uint8_t *piece) {
+    for (uint32_t i = 0; i < CANOPY_RP2040_FLASH_PIECE; i++)
+        if ((seen[i] & (uint8_t)~piece[i]) != 0)
+            return false;
+    return true;
+}
+
 static enum canopy_status program(void *context, uint32_t page, uint32_t offset, const uint8_t *from, uint32_t length) {
     struct canopy_rp2040_flash *flash = context;
     if (!is_inside(flash, page, offset, length) || offset % CANOPY_RP2040_FLASH_PIECE != 0 ||
@@ -71,7 +80,7 @@ static enum canopy_status program(void *context, uint32_t page, uint32_t offset,
         const uint32_t at = page * CANOPY_RP2040_FLASH_PAGE + offset + done;
         memcpy(flash->piece, &from[done], CANOPY_RP2040_FLASH_PIECE);
         write_undisturbed(flash, flash->offset + at, false);
-        if (memcmp(&flash->window[at], flash->piece, CANOPY_RP2040_FLASH_PIECE) != 0)
+        if (!is_cleared(&flash->window[at], flash->piece))
             return CANOPY_RANGE;
     }
     return CANOPY_OK;

@@ -37,8 +37,8 @@ struct canopy_rp2040_flash {
 void canopy_rp2040_flash_start(struct canopy_rp2040_flash *flash, const struct canopy_rp2040_flash_steps *steps,
                                const uint8_t *window, uint32_t offset, uint32_t page_count);
 
-/// The memory of lib/port.h; `flash` must outlive it and be in RAM. What was written is read again and compared:
-/// CANOPY_RANGE if it is not what it should be.
+/// The memory of lib/port.h; `flash` must outlive it and be in RAM. What was written is read again: CANOPY_RANGE if a
+/// byte is not erased, or a bit that was to be cleared is not.
 struct canopy_flash canopy_rp2040_flash(struct canopy_rp2040_flash *flash);
 
 /// The steps on the chip: looks the ROM's up in its table and copies the boot block to `boot2`, RAM that stays.
