@@ -3,8 +3,8 @@
 // Two scenes are made on the device, 400 columns x 344 profiles, 20 x 20 coefficients, Q = 4, side above:
 //   hills    value noise of six octaves, as rough as a terrain (the smallest waves are shorter than a field cell)
 //   boxes    parts with vertical walls on a plane, some columns without a reading
-// `feed` is canopy_field_feed_fx alone, in batches, `feed_f32` the same of points in float; `reading` the whole way of a
-// reading through the station. `fit` is canopy_fast from begin to done with lines at the integers, `line` the mean of
+// `feed` is canopy_field_feed_fx alone, in batches, `feed_f32` the same of points in float; `reading` the whole way of
+// a reading through the station. `fit` is canopy_fast from begin to done with lines at the integers, `line` the mean of
 // its lines, `certify` the certificate, `refit` both as the station does them, up to the publication, and `refit_10x10`
 // the same of 10 x 10 coefficients. A request is what the RTU server does from the first byte to the whole reply.
 #include <string.h>

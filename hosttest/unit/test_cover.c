@@ -176,8 +176,8 @@ UNIT(field_finds_the_cell_of_every_point) {
     }
 }
 
-// Points that are fed take the quotient from a product: at both ends of every cell, for cells of all sizes, powers of two
-// and their neighbours among them, up to axes of 2^31.
+// Points that are fed take the quotient from a product: at both ends of every cell, for cells of all sizes, powers of
+// two and their neighbours among them, up to axes of 2^31.
 UNIT(field_fed_finds_the_cell_at_every_edge) {
     uint32_t random = 9;
     for (uint32_t round = 0; round < 400; round++) {

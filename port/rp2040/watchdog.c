@@ -5,8 +5,8 @@
 #include "port/rp2040/registers.h"
 #include "port/rp2040/timer.h"
 
-// In a scratch register, which a reset by the watchdog leaves: this program started it. The crashes until then are added:
-// where there are more at the next start, this one has been recorded.
+// In a scratch register, which a reset by the watchdog leaves: this program started it. The crashes until then are
+// added: where there are more at the next start, this one has been recorded.
 #define STARTED 0x43414E57u
 
 static uint32_t period;  // us; 0 until the start
