@@ -8,9 +8,9 @@
 #include "lib/num/bits.h"
 #include "lib/num/fixed.h"
 
-// With s = floor(log2 d), k = 32 + s and m = 2^k / d rounded up, m d is less than d < 2^(s+1) above 2^k. So for n <
-// 2^31 n m / 2^k is less than 2^31 2^(s+1) / (2^k d) = 1/d above n / d, which is too little for the next whole number.
-// A power of two needs no rounding, and one bit less.
+// With s = floor(log2 d), k = 32 + s and m = 2^k / d rounded up, m d is less than d < 2^(s+1) above 2^k. So for
+// n < 2^31 n m / 2^k is less than 2^31 2^(s+1) / (2^k d) = 1/d above n / d, which is too little for the next whole
+// number. A power of two needs no rounding, and one bit less.
 static void find_factor(struct canopy_field_axis *axis) {
     const uint32_t d = axis->cell;
     if (d < 2 || axis->extent > (uint32_t)INT32_MAX) {
