@@ -1,4 +1,4 @@
-"""The demo, shortened, on both boards; and when something is wrong, it says so and leaves nothing running."""
+"""The demo, shortened, on every kind of board; and when something is wrong, it says so and leaves nothing running."""
 
 import json
 import os
