@@ -1012,6 +1012,60 @@ static void test_arguments(void **state) {
     free(arena);
 }
 
+// What is between a fit and the next, or begins a certificate, may be anything: two stations get the same readings, one of
+// them finds its shared memory overwritten whenever it has come to either, and both publish the same.
+static void test_work_memory_keeps_nothing(void **state) {
+    (void)state;
+    enum { M = 9, N = 6, Q = 3, STEPS = 6000 };
+    static CANOPY_ARENA_DECLARE(arenas[2], CANOPY_STATION_ARENA(M, N, Q, Q, 1));
+    static struct canopy_station stations[2];
+    const struct canopy_station_config config = {.grid = {{M, N}, Q, CANOPY_ABOVE},
+                                                 .fit = &canopy_line_fit_fx,
+                                                 .lines = Q,
+                                                 .clients = 1,
+                                                 .unit = 1.0F,
+                                                 .stale_after_us = UINT32_MAX};
+    uint64_t random = 11;
+    uint8_t before = CANOPY_STATION_RESTING;
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(canopy_station_init(&stations[k], &config, arenas[k], sizeof arenas[k], 0), CANOPY_OK);
+        assert_int_equal(
+            canopy_station_begin_box(&stations[k], (const int32_t[3]){0, 0, 0}, (const int32_t[3]){900, 600, 1000}),
+            CANOPY_OK);
+    }
+    uint32_t overwritten = 0;
+    for (uint64_t t = 0; t < STEPS; t++) {
+        const int32_t point[3] = {(int32_t)canopy_random_below(&random, 900),
+                                  (int32_t)canopy_random_below(&random, 600),
+                                  (int32_t)canopy_random_below(&random, 1000)};
+        struct canopy_station *s = &stations[1];
+        if (s->stage == CANOPY_STATION_RESTING) {
+            memset(s->work_arena, 0xA5, s->work_bytes);
+            overwritten++;
+        } else if (s->stage == CANOPY_STATION_CERTIFYING && before == CANOPY_STATION_FITTING) {
+            memset(s->work_arena, 0xA5, CANOPY_CERTIFY_WORK(N, Q));  // the marks behind it have been cleared
+            overwritten++;
+        }
+        before = s->stage;
+        for (int k = 0; k < 2; k++) {
+            if (t % 8 == 0) {
+                (void)canopy_station_reading(&stations[k], point, 0, t);
+            }
+            canopy_station_step(&stations[k], 1, t);
+        }
+        assert_int_equal(stations[0].stage, stations[1].stage);
+        const struct canopy_envelope *a = canopy_plc_published(&stations[0].plc);
+        const struct canopy_envelope *b = canopy_plc_published(&stations[1].plc);
+        assert_true((a == NULL) == (b == NULL));
+        if (a != NULL) {
+            assert_memory_equal(a->coefficients, b->coefficients, sizeof(int32_t) * M * N);
+            assert_int_equal(a->points, b->points);
+            assert_int_equal(a->margin, b->margin);
+        }
+    }
+    assert_true(overwritten > 10 && stations[0].plc.publications > 10);
+}
+
 static int set_up(void **state) {
     (void)state;
     world.kept = calloc(KEPT_MAX, sizeof *world.kept);
@@ -1034,6 +1088,7 @@ int main(void) {
         cmocka_unit_test(test_out_of_range_latches),
         cmocka_unit_test(test_refused_frames_change_nothing),
         cmocka_unit_test(test_refresh_counts_more_points),
+        cmocka_unit_test(test_work_memory_keeps_nothing),
         cmocka_unit_test(test_stale_and_fresh_again),
         cmocka_unit_test(test_spare_time_makes_it_tighter),
         cmocka_unit_test(test_every_interleaving),
