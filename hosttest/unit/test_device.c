@@ -552,6 +552,12 @@ UNIT(bad_configurations_are_refused) {
     config = usual();
     config.plc.unit = 0;
     CHECK_EQ(canopy_device_init(&device, &config, arena, sizeof arena), CANOPY_ARGUMENT);
+    config = usual();
+    struct canopy_profile_table silent = *config.scanner.table;
+    for (int a = 0; a < 3; a++)
+        silent.low[a].where = silent.high[a].where = CANOPY_SCAN_ABSENT;
+    config.scanner.table = &silent;
+    CHECK_EQ(canopy_device_init(&device, &config, arena, sizeof arena), CANOPY_ARGUMENT);  // where would its scene be?
 }
 
 UNIT_LIST(device, a_sweep_becomes_an_envelope, the_plc_is_answered_at_its_silence,

@@ -16,7 +16,8 @@ enum canopy_status canopy_device_init(struct canopy_device *device, const struct
         CANOPY_STATION_ARENA(grid->size[0], grid->size[1], grid->cells, config->station.lines, 1U);
     const size_t profile_bytes = CANOPY_PROFILE_ARENA(scanner->columns, words_of(scanner->table));
     struct canopy_arena cut;
-    if (config->readings == 0 || config->budget == 0 || config->station.clients != 1) {
+    if (config->readings == 0 || config->budget == 0 || config->station.clients != 1 ||
+        (config->frame == NULL && scanner->table->low[0].where == CANOPY_SCAN_ABSENT)) {
         return CANOPY_ARGUMENT;
     }
     enum canopy_status status = canopy_arena_open(&cut, arena, bytes, station_bytes + profile_bytes);

@@ -71,7 +71,8 @@ struct canopy_device {
 };
 
 /// Makes a device that waits for its scanner. `arena`: CANOPY_DEVICE_ARENA bytes, aligned to 8, the device's as long as
-/// it is used. CANOPY_ARGUMENT, CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN as its parts say.
+/// it is used. CANOPY_ARGUMENT, CANOPY_ARENA_SHORT, CANOPY_ARENA_ALIGN as its parts say; CANOPY_ARGUMENT, too, without
+/// a frame for a scanner that does not tell its scene.
 enum canopy_status canopy_device_init(struct canopy_device *device, const struct canopy_device_config *config,
                                       void *arena, size_t bytes);
 
