@@ -279,7 +279,8 @@ boards:  ## the README's table of boards, from tools/budget.csv
 # Whole runs: scripts of tools/ that take what has been built
 
 .PHONY: demo pictures bench
-demo: tools $(if $(filter linux,$(BOARD)),,firmware setup-emulator) $(if $(filter rp2040_pico,$(BOARD)),$(NODE)) | setup-demo
+DEMO_IMAGE := $(filter %/canopy.elf,$($(BOARD)_STATIONS))
+demo: tools $(DEMO_IMAGE) $(if $(filter rp2040_pico,$(BOARD)),$(NODE)) | setup-demo $(if $(DEMO_IMAGE),setup-emulator)
 demo:  ## sweep a scene into the device and read the envelope as a PLC does: BOARD=x SCENE=file
 	@BUILD=$(BUILD) $(PYTHON) tools/demo.py --board $(BOARD) $(if $(SCENE),--scene "$(SCENE)") $(DEMO)
 pictures: tools | setup-demo  ## draw the README's pictures anew: build/pictures/*.png; docs/pictures has copies
