@@ -1012,8 +1012,9 @@ static void test_arguments(void **state) {
     free(arena);
 }
 
-// What is between a fit and the next, or begins a certificate, may be anything: two stations get the same readings, one of
-// them finds its shared memory overwritten whenever it has come to either, and both publish the same.
+// What stands there between a fit and the next, or when a certificate begins, may be anything: two stations get the
+// same readings, one of them finds its shared memory overwritten whenever it has come to either, and both publish the
+// same.
 static void test_work_memory_keeps_nothing(void **state) {
     (void)state;
     enum { M = 9, N = 6, Q = 3, STEPS = 6000 };
