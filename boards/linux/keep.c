@@ -125,12 +125,13 @@ static void apply(const struct canopy_settings *settings, uint32_t fixed, struct
 // ---- Opening
 
 static void say_state(const char *path, uint16_t state) {
-    static const char *const states[] = {"nothing is stored yet",
-                                         "stored settings are in force",
-                                         "stored settings are in force, but one copy is damaged or older",
-                                         "both copies are damaged: the options are in force",
-                                         "it cannot be read",
-                                         "what is stored is not for this canopyd: the options are in force"};
+    static const char *const states[] = {
+        "nothing is stored yet",
+        "stored settings are in force",
+        "stored settings are in force, but one copy is damaged or older",
+        "both copies are damaged: nothing is published until a PLC stores settings",
+        "it cannot be read: nothing is published",
+        "it is not for this canopyd: nothing is published until a PLC stores settings"};
     canopy_linux_log("settings: %s: %s", path, states[state]);
 }
 
