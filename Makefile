@@ -349,4 +349,4 @@ all: tools test-programs all-firmware  ## build everything, run nothing
 clean:  ## remove $(BUILD)
 	rm -rf $(BUILD)
 
--include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
+-include $(shell find -H $(BUILD) -name '*.d' 2>/dev/null)
