@@ -4,6 +4,7 @@ import importlib.machinery
 import importlib.util
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -224,6 +225,23 @@ def test_the_fixed_point_library_is_freestanding(tmp_path):
                     "-o", whole], check=True)
     names = subprocess.run(["arm-none-eabi-nm", "-u", whole], check=True, capture_output=True, text=True).stdout
     assert {row.split()[-1] for row in names.splitlines()} <= allowed
+
+
+@pytest.mark.parametrize("board", ["mps2_an386", "mps2_an500"])
+def test_floating_point_is_single_precision(board):
+    """These boards' units have no other (the Cortex-M7's may): no instruction on doubles, none in software."""
+    image = BUILD / board / "canopy.elf"
+    code = subprocess.run(["arm-none-eabi-objdump", "-d", image], check=True, capture_output=True, text=True).stdout
+    assert "vfma.f32" in code and ".f64" not in code
+    names = subprocess.run(["arm-none-eabi-nm", image], check=True, capture_output=True, text=True).stdout.split()
+    assert not [name for name in names if re.match(r"__(aeabi_(d|[a-z]+2d$|[a-z]+2f$|f)|\w+[ds]f[23]$)", name)]
+
+
+def test_interrupts_of_a_board_with_floating_point_push_its_registers():
+    found = subprocess.run(["/usr/bin/python3", ROOT / "tools/stack.py", "--calls", ROOT / "tools/calls.txt",
+                            BUILD / "mps2_an500" / "canopy.elf", BUILD / "mps2_an385" / "canopy.elf"], cwd=ROOT,
+                           check=True, capture_output=True, text=True).stdout
+    assert found.count("(108 of it pushed by the processor)") == found.count("(36 of it pushed by the processor)") == 2
 
 
 def test_a_board_that_is_none_is_named():
