@@ -49,7 +49,8 @@ void canopy_program_run(const struct canopy_board *board, const struct canopy_se
                         struct canopy_device *device) {
     canopy_device_keep(device, &health);
     // A cycle takes 20 ms at most; an emulator's busy host, or flash that is written, may hold one up.
-    (void)canopy_board_start_watchdog(settings->watchdog_ms * 1000U);
+    if (!canopy_board_start_watchdog(settings->watchdog_ms * 1000U))
+        say("no watchdog\r\n");
     for (;;) {
         const uint32_t seen = canopy_board_activity();
         const uint64_t due_us = canopy_device_step(device);

@@ -9,7 +9,7 @@
 // ---- Why it started
 
 static uint32_t check_of(const struct canopy_health_kept *kept) {
-    return ~(kept->magic ^ kept->starts * 3U ^ kept->crashes * 5U ^ kept->commanded * 7U);
+    return ~(kept->magic ^ kept->starts * 3U ^ kept->crashes * 5U ^ kept->commanded * 7U ^ kept->failed * 11U);
 }
 
 static uint16_t reason_of(const struct canopy_health_kept *kept, const struct canopy_crash *crash) {
@@ -22,8 +22,9 @@ static uint16_t reason_of(const struct canopy_health_kept *kept, const struct ca
     return kept->commanded == 1 ? CANOPY_PLC_RESET_COMMAND : CANOPY_PLC_RESET_OTHER;
 }
 
-static void keep_start(struct canopy_health_kept *kept, uint32_t starts, uint32_t crashes, uint32_t commanded) {
-    *kept = (struct canopy_health_kept){.magic = KEPT, .starts = starts, .crashes = crashes, .commanded = commanded};
+static void keep(struct canopy_health_kept *kept, const struct canopy_health_kept *news) {
+    *kept = *news;
+    kept->magic = KEPT;
     kept->check = check_of(kept);
 }
 
@@ -32,14 +33,16 @@ static uint32_t crashes_of(const struct canopy_crash *crash) { return crash != N
 static void note_start(struct canopy_health *health) {
     struct canopy_health_kept *kept = health->config.kept;
     health->reset_reason = reason_of(kept, health->crash);
-    const uint32_t before = health->reset_reason == CANOPY_PLC_RESET_POWER ? 0 : kept->starts;
-    keep_start(kept, before + 1, crashes_of(health->crash), 0);
+    const bool powered = health->reset_reason == CANOPY_PLC_RESET_POWER;
+    keep(kept, &(struct canopy_health_kept){.starts = (powered ? 0 : kept->starts) + 1,
+                                            .crashes = crashes_of(health->crash),
+                                            .failed = powered ? 0 : kept->failed});
 }
 
 // ---- Registers
 
 static uint16_t failed_of(const struct canopy_health *health) {
-    return (uint16_t)((health->selftest.ram_failed ? CANOPY_PLC_SELFTEST_RAM : 0) |
+    return (uint16_t)(health->config.kept->failed | (health->selftest.ram_failed ? CANOPY_PLC_SELFTEST_RAM : 0) |
                       (health->selftest.flash_failed ? CANOPY_PLC_SELFTEST_FLASH : 0) |
                       (health->certificate_failed ? CANOPY_PLC_SELFTEST_CERTIFICATE : 0));
 }
@@ -185,7 +188,13 @@ static void test(struct canopy_health *health, uint64_t now_us) {
         canopy_selftest_ram(&health->selftest);
         canopy_selftest_flash(&health->selftest);
     }
-    if ((failed_of(health) != 0 || are_settings_lost(health)) && !health->plc->barred) {
+    const uint16_t failed = failed_of(health);
+    if (failed != health->config.kept->failed) {
+        struct canopy_health_kept news = *health->config.kept;
+        news.failed = failed;
+        keep(health->config.kept, &news);
+    }
+    if ((failed != 0 || are_settings_lost(health)) && !health->plc->barred) {
         canopy_plc_bar(health->plc);
     }
 }
@@ -198,8 +207,10 @@ void canopy_health_step(struct canopy_health *health, uint64_t now_us, bool quie
     if (canopy_store_is_writing(&health->store)) {
         store(health);
     } else if (health->resetting) {
-        struct canopy_health_kept *kept = health->config.kept;
-        keep_start(kept, kept->starts, crashes_of(health->crash), 1);
+        struct canopy_health_kept news = *health->config.kept;
+        news.crashes = crashes_of(health->crash);
+        news.commanded = 1;
+        keep(health->config.kept, &news);
         health->config.reset();
     }
 }

@@ -12,8 +12,9 @@
 ///     canopy_device_keep(&device, &health);  // canopy_device_step does the rest
 ///
 /// In the background one window of RAM and a piece of flash are tested every CANOPY_HEALTH_PERIOD_US, with about 4,500
-/// instructions. When any test has failed, all that is published is withdrawn, and nothing is published until the next
-/// start. Nothing is published either when settings were stored and are not in force (settings_state CORRUPT, REFUSED,
+/// instructions. When any test has failed, all that is published is withdrawn, and nothing is published until the power
+/// has been off: a reset mends neither RAM nor flash, and the test needs its time to find that again. Nothing is
+/// published either when settings were stored and are not in force (settings_state CORRUPT, REFUSED,
 /// or NOWHERE with a flash): the defaults may be the other side. Storing takes a step of canopy_store_step each cycle,
 /// as long as the flash needs; it and the restart wait until the PLC's answer has left.
 #ifndef CANOPY_STATION_HEALTH_H
@@ -38,6 +39,7 @@ struct canopy_health_kept {
     uint32_t starts;
     uint32_t crashes;    // that were known at the last start
     uint32_t commanded;  // 1: a reset was asked for
+    uint32_t failed;     // enum canopy_plc_selftest_bit: tests that have failed since power-on
     uint32_t check;
 };
 
