@@ -178,29 +178,38 @@ class Image:
     def __init__(self, path):
         self.path = path
         self.machine = MACHINES[int.from_bytes(path.read_bytes()[18:20], "little")]
-        self.symbols, self.by_address = {}, {}
-        for row in self.run("nm", str(path)).splitlines():
-            words = row.split()
-            if len(words) == 3:
-                self.symbols.setdefault(words[2], int(words[0], 16))
-                if words[1] in "tTwW":
-                    self.by_address.setdefault(int(words[0], 16) & ~1, set()).add(words[2])
+        self.symbols, self.by_address, self.ends = {}, {}, {}
+        for row in self.run("nm", "-S", str(path)).splitlines():
+            *place, kind, name = row.split()
+            if not place:
+                continue
+            start = int(place[0], 16)
+            self.symbols.setdefault(name, start)
+            if kind in "tTwW":
+                self.by_address.setdefault(start & ~1, set()).add(name)
+                if len(place) == 2:
+                    self.ends[name] = (start & ~1) + int(place[1], 16)
 
     def run(self, tool, *arguments):
         return subprocess.run([self.machine.TOOLS + tool, *arguments], check=True, capture_output=True, text=True).stdout
 
     @lru_cache(None)
     def disassembled(self):
-        """{name: (frame bytes, called names)} for every function, from its instructions."""
+        """{name: (frame bytes, called names)} for every function, from its instructions. Constants behind the last function
+        are disassembled, too: what lies beyond a function's size is none of it."""
         functions, name = {}, None
         for row in self.run("objdump", "-d", "--no-show-raw-insn", str(self.path)).splitlines():
             start = re.match(r"^[0-9a-f]+ <(\S+)>:$", row)
             if start:
                 name = start.group(1)
                 functions[name] = [0, set()]
-            elif name:
+            elif name and not self.is_beyond(name, row):
                 self.take(functions[name], name, row)
         return functions
+
+    def is_beyond(self, name, row):
+        place = re.match(r"^\s*([0-9a-f]+):\t", row)
+        return bool(place) and int(place.group(1), 16) >= self.ends.get(name, 1 << 64)
 
     def instructions(self, name):
         """The same for one function; the disassembly knows only one of the names of an address."""
