@@ -29,7 +29,7 @@
 /// reading is too old, and its place is not covered from then on.
 ///
 /// What has moved is moved in memory too, a memmove of the field a row: so the window is at all times an ordinary field
-/// that every other part of the library can read. On a Cortex-M3 that is a twelfth of what the refit of a row costs
+/// that every other part of the library can read. On a Cortex-M3 that is an eighth of what the refit of a row costs
 /// (docs/belts.md). Fixed point only: a float has no place for a coordinate that grows without end.
 #ifndef CANOPY_COVER_RING_H
 #define CANOPY_COVER_RING_H
