@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path(os.environ.get("CANOPY_BUILD", "build")).absolute()
 DEMO = [sys.executable, str(ROOT / "tools" / "demo.py")]
 BOARDS = ["mps2_an385", "linux"]
+FLOATS = ["mps2_an386", "mps2_an500"]
 
 # runs alone: scanner, device and PLC talk in real time
 
@@ -22,7 +23,7 @@ BOARDS = ["mps2_an385", "linux"]
 @pytest.fixture
 def build(tmp_path):
     """A build directory of its own, with the programs of the real one."""
-    for name in ("host", "mps2_an385", "mps2_an500", "riscv_virt", "rp2040_pico"):
+    for name in ("host", "mps2_an385", "mps2_an386", "mps2_an500", "riscv_virt", "rp2040_pico"):
         (tmp_path / name).symlink_to(BUILD / name)
     return tmp_path
 
@@ -68,13 +69,13 @@ def assert_whole(build, output):
     return surrogate, served
 
 
-@pytest.mark.parametrize("board", [*BOARDS, "mps2_an500", "rp2040_pico"])
+@pytest.mark.parametrize("board", [*BOARDS, *FLOATS, "rp2040_pico"])
 def test_the_terrain_from_the_scanner_to_the_plc(build, board):
     status, output, errors = demo(build, "--board", board, "--short")
     assert status == 0, output + errors
     surrogate, served = assert_whole(build, output)
     assert len(served) == 40 * 60
-    assert surrogate["size"] == [20, 20] and surrogate["scalar"] == ("f32" if board == "mps2_an500" else "fx")
+    assert surrogate["size"] == [20, 20] and surrogate["scalar"] == ("f32" if board in FLOATS else "fx")
     assert "40/40 profiles" in output
 
 
