@@ -669,6 +669,7 @@ static void a_write_of_many_settings_is_all_or_nothing(void **unused) {
         if (exception == 0) {
             assert_int_equal(keeper.settings.value.plc_unit, 99);
             start();
+            remember();  // padding may differ from start to start
         } else {
             assert_int_equal(exception, CANOPY_MODBUS_ILLEGAL_VALUE);
             assert_true(unchanged());
