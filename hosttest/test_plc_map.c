@@ -686,6 +686,8 @@ static void a_write_of_many_settings_is_all_or_nothing(void **unused) {
 // Whether `count` registers from `a` on are whole settings: written in range or refused for their value, elsewhere.
 static bool is_setting(uint32_t a, uint32_t count) {
     uint32_t covered = 0;
+    if (a < CANOPY_REGISTER_SET_PLC_UNIT || a >= CANOPY_REGISTER_SET_PLC_UNIT + 100)
+        return false;  // the table need not be searched
     for (size_t s = 0; s < SETTINGS_COUNT; s++) {
         const json_t *item = register_of(ranges[s].name);
         const uint32_t address = (uint32_t)json_integer_value(json_object_get(item, "address"));
@@ -752,7 +754,7 @@ static void only_whole_items_are_written(void **unused) {
         for (uint32_t count = 2; count <= 123 && a + count <= ADDRESSES; count += count < 12 ? 1 : 37) {
             const bool whole = (a == CANOPY_REGISTER_QUERY_X && (count == 2 || count == 4)) ||
                                (a == CANOPY_REGISTER_QUERY_Y && count == 2);
-            if (a >= CANOPY_REGISTER_SET_PLC_UNIT && a < CANOPY_REGISTER_SET_PLC_UNIT + 100 && is_setting(a, count)) {
+            if (is_setting(a, count)) {
                 // whole settings: what they may be is tested above
                 if (canopy_plc_write(&plc, 0, (uint16_t)a, (uint16_t)count, bytes, 16) != 0)
                     assert_true(unchanged());
